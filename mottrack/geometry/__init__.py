@@ -1,0 +1,1 @@
+"""Geometry shared by the rooms above: rotated boxes and convex polygons. Imports core only."""
