@@ -1,0 +1,56 @@
+"""The ground floor: types, interfaces and errors. Imports numpy alone, and nothing of ours."""
+
+from mottrack.core.errors import (
+    ConfigError,
+    DataError,
+    InputError,
+    MottrackError,
+    MottrackWarning,
+    ResultError,
+)
+from mottrack.core.frame import Frame
+from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import (
+    Dataset,
+    FlowSource,
+    FrameObserver,
+    ObjectSource,
+    Scene,
+    Tracker,
+)
+from mottrack.core.motion import FlowField, VelocityMeasurement
+from mottrack.core.objects import Boxes, Objects, Tracks, Truth
+from mottrack.core.pose import Pose
+from mottrack.core.result import SceneResult
+from mottrack.core.sweep import Sweep
+from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
+
+__all__ = [
+    "BevGrid",
+    "Boxes",
+    "ConfigError",
+    "DataError",
+    "Dataset",
+    "FlowField",
+    "FlowSamples",
+    "FlowSource",
+    "Frame",
+    "FrameObserver",
+    "FrameTable",
+    "InputError",
+    "MottrackError",
+    "MottrackWarning",
+    "ObjectSource",
+    "Objects",
+    "Pose",
+    "ResultError",
+    "Scene",
+    "SceneResult",
+    "Sweep",
+    "TrackTable",
+    "Tracker",
+    "Tracks",
+    "Truth",
+    "TruthTable",
+    "VelocityMeasurement",
+]

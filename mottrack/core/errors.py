@@ -1,0 +1,59 @@
+"""Every error that a user can cause: one line that says where, what, and what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+
+class MottrackWarning(UserWarning):
+    """Something a user should know that does not stop the work."""
+
+
+class MottrackError(Exception):
+    """Base of all errors that a user can cause. The command line prints it and exits with 2."""
+
+
+class InputError(MottrackError, ValueError):
+    """An array or argument handed over through the Python API is not usable."""
+
+    def __init__(self, field: str, value: object, expected: str) -> None:
+        self.field, self.value, self.expected = field, value, expected
+        super().__init__(f"{field} is {value}, expected {expected}")
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
+        return type(self), (self.field, self.value, self.expected)
+
+
+class DataError(MottrackError):
+    """A file of a data set, a submission or a result is not usable."""
+
+    def __init__(self, file: str | Path, field: str, value: object, expected: str) -> None:
+        self.file, self.field, self.value, self.expected = Path(file), field, value, expected
+        super().__init__(f"{file}: {field} is {value}, expected {expected}")
+
+    def __reduce__(self) -> tuple[type[DataError], tuple[Path, str, object, str]]:
+        return type(self), (self.file, self.field, self.value, self.expected)
+
+
+class ConfigError(MottrackError):
+    """A configuration, an override or a name of a part is not usable."""
+
+
+class ResultError(DataError):
+    """A stored result is damaged or of another version."""
+
+
+def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
+    """Builds the error for a name that is in no table: lists the valid ones and the nearest.
+
+    Args:
+        kind: what was asked for, such as ``"flow source"``.
+        name: the unknown name.
+        valid: all names that would have been accepted.
+    """
+    names = sorted(valid)
+    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f" (did you mean '{near[0]}'?)" if near else ""
+    return ConfigError(f"unknown {kind} '{name}'{hint}; valid: {', '.join(names)}")

@@ -1,0 +1,36 @@
+"""One step of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mottrack.core.checks import as_stamp
+from mottrack.core.errors import InputError
+from mottrack.core.objects import Objects, Truth
+from mottrack.core.pose import Pose
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What a data set knows at one stamp, apart from the sweep itself.
+
+    Raises:
+        InputError: detections or truth are not in the world frame.
+    """
+
+    stamp_ns: int
+    world_T_ego: Pose
+    detections: Objects | None = None
+    """World frame; None where no detector ran, empty where it found nothing."""
+    truth: Truth | None = None
+    """World frame; None where nobody annotated, empty where nothing was there."""
+    is_key: bool = True
+    """Whether trackers step and scores count at this stamp (nuScenes: key frames at 2 Hz)."""
+    token: str = ""
+    """The data set's own name of the frame (nuScenes: the sample token)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
+        for name, boxes in (("detections", self.detections), ("truth", self.truth)):
+            if boxes is not None and boxes.frame != "world":
+                raise InputError(f"frame of {name}", repr(boxes.frame), "'world'")

@@ -1,0 +1,125 @@
+"""What the parts promise each other. A user's own class need only have these methods."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from mottrack.core.frame import Frame
+from mottrack.core.motion import FlowField
+from mottrack.core.objects import Objects, Tracks
+from mottrack.core.sweep import Sweep
+
+
+@runtime_checkable
+class FlowSource(Protocol):
+    """Measures the velocity of every cell from two sweeps."""
+
+    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+        """The field at ``current``; each sweep is in its own ego frame.
+
+        Raises:
+            InputError: ``current`` is not later than ``previous``.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forgets everything: a new scene begins."""
+        ...
+
+
+@runtime_checkable
+class FrameObserver(Protocol):
+    """A flow source that also looks at detections or truth (ICP + Det., ground truth)."""
+
+    def observe(self, frame: Frame) -> None:
+        """Is called with every frame, in order, before ``estimate`` of its sweep."""
+        ...
+
+
+@runtime_checkable
+class ObjectSource(Protocol):
+    """Says which objects there are: the data set's detections, or clusters of points."""
+
+    def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
+        """Objects in the world frame, without velocities.
+
+        Raises:
+            InputError: the source needs a sweep and there is none, or detections and has none.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forgets everything: a new scene begins."""
+        ...
+
+
+@runtime_checkable
+class Tracker(Protocol):
+    """Turns objects into tracks. A new one is made for each scene."""
+
+    def step(self, stamp_ns: int, objects: Objects) -> Tracks:
+        """Advances to ``stamp_ns`` with these objects (world frame).
+
+        Raises:
+            InputError: the stamp is not later than the last one, or an object is not usable;
+                the tracker's state is then unchanged.
+        """
+        ...
+
+
+@runtime_checkable
+class Scene(Protocol):
+    """A recorded drive: frames in order of time, with a sweep each where recorded."""
+
+    @property
+    def name(self) -> str:
+        """Unique within the data set."""
+        ...
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Labels that detections and truth may carry."""
+        ...
+
+    @property
+    def has_sweeps(self) -> bool:
+        """Whether ``sweep`` works."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def frame(self, index: int) -> Frame:
+        """The frame at ``index``."""
+        ...
+
+    def sweep(self, index: int) -> Sweep:
+        """The sweep at ``index``; its stamp and pose equal the frame's.
+
+        Raises:
+            DataError: the file is missing or damaged.
+        """
+        ...
+
+
+@runtime_checkable
+class Dataset(Protocol):
+    """A set of scenes."""
+
+    @property
+    def name(self) -> str:
+        """Name of the data set."""
+        ...
+
+    @property
+    def scene_names(self) -> tuple[str, ...]:
+        """All scenes, in a fixed order."""
+        ...
+
+    def scene(self, name: str) -> Scene:
+        """Opens one scene.
+
+        Raises:
+            ConfigError: no scene has that name.
+            DataError: a file of it is missing or damaged.
+        """
+        ...

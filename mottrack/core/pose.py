@@ -1,0 +1,133 @@
+"""Rigid transforms, named ``to_T_from``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mottrack.core.checks import as_array, require_finite
+from mottrack.core.errors import InputError
+
+ORTHONORMAL_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A rigid transform ``to_T_from``: ``x_to = rotation @ x_from + translation_m``.
+
+    Raises:
+        InputError: a shape is wrong, a number is not finite, or the rotation is not a rotation.
+    """
+
+    rotation: NDArray[np.float64]
+    """(3, 3) rotation matrix, determinant +1."""
+    translation_m: NDArray[np.float64]
+    """(3,) translation in metres, in the axes of the target frame."""
+
+    def __post_init__(self) -> None:
+        rotation = as_array("rotation", self.rotation, np.float64, (3, 3))
+        translation_m = as_array("translation_m", self.translation_m, np.float64, (3,))
+        require_finite("rotation", rotation)
+        require_finite("translation_m", translation_m)
+        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if error > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise InputError("rotation", rotation.tolist(), "an orthonormal right-handed matrix")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation_m", translation_m)
+
+    @classmethod
+    def identity(cls) -> Pose:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> Pose:
+        """From a (4, 4) or (3, 4) homogeneous matrix."""
+        full = np.asarray(matrix, dtype=np.float64)
+        if full.shape not in ((4, 4), (3, 4)):
+            raise InputError("shape of matrix", full.shape, "(4, 4) or (3, 4)")
+        return cls(full[:3, :3], full[:3, 3])
+
+    @classmethod
+    def from_quaternion_wxyz(cls, quaternion: ArrayLike, translation_m: ArrayLike) -> Pose:
+        """From a unit quaternion (w, x, y, z) and a translation in metres.
+
+        Raises:
+            InputError: the quaternion's norm is further than 1e-3 from one.
+        """
+        q = as_array("quaternion", quaternion, np.float64, (4,))
+        require_finite("quaternion", q)
+        norm = float(np.linalg.norm(q))
+        if abs(norm - 1.0) > 1e-3:
+            raise InputError("norm of quaternion", norm, "1")
+        w, x, y, z = q / norm
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        return cls(rotation, np.asarray(translation_m, dtype=np.float64))
+
+    @classmethod
+    def from_yaw(cls, yaw_rad: float, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+        """A turn about +z by ``yaw_rad``, then a translation in metres."""
+        return cls(rotation_z(yaw_rad), np.asarray(translation_m, dtype=np.float64))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) homogeneous matrix."""
+        full = np.eye(4)
+        full[:3, :3], full[:3, 3] = self.rotation, self.translation_m
+        return full
+
+    @property
+    def yaw_rad(self) -> float:
+        """Angle of the turn about +z that is nearest to the rotation.
+
+        The inverse pose has exactly the negative angle, so headings survive a round trip even
+        where the pose pitches and rolls.
+        """
+        r = self.rotation
+        return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
+
+    def inverse(self) -> Pose:
+        """``from_T_to``."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """``a_T_b @ b_T_c`` is ``a_T_c``."""
+        return Pose(
+            _nearest_rotation(self.rotation @ other.rotation),
+            self.rotation @ other.translation_m + self.translation_m,
+        )
+
+    def apply(self, points_m: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Moves (N, 3) points in metres from the source frame to the target frame."""
+        return np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation_m
+
+
+def rotation_z(yaw_rad: float) -> NDArray[np.float64]:
+    """(3, 3) rotation about +z."""
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_2d(yaw_rad: float) -> NDArray[np.float64]:
+    """(2, 2) rotation of the plane."""
+    return rotation_z(yaw_rad)[:2, :2]
+
+
+def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles in [-pi, pi)."""
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+
+
+def _nearest_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Takes out the rounding that long chains of products collect (one Newton step)."""
+    step: NDArray[np.float64] = 0.5 * rotation @ (3.0 * np.eye(3) - rotation.T @ rotation)
+    return step

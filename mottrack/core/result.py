@@ -1,0 +1,93 @@
+"""The result of a scene: the only thing that running hands to evaluating."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.checks import as_array
+from mottrack.core.errors import InputError, ResultError
+from mottrack.core.storage import read_arrays, write_arrays
+from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
+
+FORMAT = "mottrack scene result 1"
+TABLES: dict[str, type[Table]] = {
+    "frames": FrameTable,
+    "truth": TruthTable,
+    "tracks": TrackTable,
+    "flow": FlowSamples,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SceneResult:
+    """Truth and estimate of one scene as flat arrays, world frame.
+
+    Stage timings are kept beside, not inside, the stored file: two runs of the same scene with
+    the same configuration store the same bytes.
+
+    Raises:
+        InputError: a row names a frame that is not there, or the hulls do not add up.
+    """
+
+    name: str
+    """Name of the scene."""
+    frames: FrameTable
+    truth: TruthTable
+    tracks: TrackTable
+    flow: FlowSamples = field(default_factory=FlowSamples.empty)
+    hull_xy_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    """(sum of tracks.hull_corners, 2) hull corners of all tracks, one after the other."""
+    timings_s: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Per stage (T,) seconds spent on each frame."""
+
+    def __post_init__(self) -> None:
+        hull = as_array("hull_xy_m", self.hull_xy_m, np.float64, (None, 2))
+        object.__setattr__(self, "hull_xy_m", hull)
+        corners = int(self.tracks.hull_corners.sum())
+        if corners != len(hull):
+            raise InputError("length of hull_xy_m", len(hull), str(corners))
+        for name, table in (("truth", self.truth), ("tracks", self.tracks), ("flow", self.flow)):
+            if len(table) and not (0 <= table.frame.min() <= table.frame.max() < len(self.frames)):
+                raise InputError(
+                    f"{name}.frame", int(table.frame.max()), f"a row of {len(self.frames)} frames"
+                )
+
+    @property
+    def hulls(self) -> list[NDArray[np.float64]]:
+        """Per track row its (K, 2) hull corners; K is 0 where the box is meant."""
+        return np.split(self.hull_xy_m, np.cumsum(self.tracks.hull_corners)[:-1])
+
+    def save(self, path: Path) -> None:
+        """Writes everything but the timings; the file is replaced at once or not at all."""
+        arrays: dict[str, NDArray[np.generic]] = {
+            "format": np.array(FORMAT),
+            "name": np.array(self.name),
+            "hull_xy_m": self.hull_xy_m,
+        }
+        for prefix, kind in TABLES.items():
+            table = getattr(self, prefix)
+            arrays |= {f"{prefix}.{column}": getattr(table, column) for column in kind.COLUMNS}
+        write_arrays(path, arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> SceneResult:
+        """Reads what ``save`` wrote.
+
+        Raises:
+            ResultError: the file is missing, damaged, or of another version.
+        """
+        arrays = read_arrays(path)
+        if str(arrays.get("format")) != FORMAT:
+            raise ResultError(path, "format", arrays.get("format"), FORMAT)
+        try:
+            tables = {
+                prefix: kind(**{c: arrays[f"{prefix}.{c}"] for c in kind.COLUMNS})
+                for prefix, kind in TABLES.items()
+            }
+            return cls(str(arrays["name"]), hull_xy_m=arrays["hull_xy_m"], **tables)  # type: ignore[arg-type]
+        except KeyError as error:
+            raise ResultError(path, "content", f"without {error}", "every column") from error

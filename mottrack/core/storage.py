@@ -1,0 +1,67 @@
+"""Files that are replaced at once or not at all, and arrays with a checksum."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import ResultError
+
+CHECKSUM_BYTES = hashlib.sha256().digest_size
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Writes a file by way of a temporary one beside it: a reader sees the old or the new."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a UTF-8 text file, replaced at once or not at all."""
+    write_bytes(path, text.encode())
+
+
+def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+    """Writes named arrays as a compressed npz, followed by the SHA-256 of its bytes.
+
+    The same arrays give the same bytes; ``numpy.load`` opens the file as well.
+    """
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    data = buffer.getvalue()
+    write_bytes(path, data + hashlib.sha256(data).digest())
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Reads what ``write_arrays`` wrote; never unpickles.
+
+    Raises:
+        ResultError: the file is missing, or a single bit of it has changed.
+    """
+    try:
+        whole = path.read_bytes()
+    except OSError as error:
+        raise ResultError(path, "file", error.strerror, "a stored result") from error
+    data, stored = whole[:-CHECKSUM_BYTES], whole[-CHECKSUM_BYTES:]
+    actual = hashlib.sha256(data).digest()
+    if stored != actual:
+        raise ResultError(path, "checksum", stored.hex()[:12], f"{actual.hex()[:12]} (damaged?)")
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        return {name: file[name] for name in file.files}
