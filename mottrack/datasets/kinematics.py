@@ -1,0 +1,45 @@
+"""Velocities of labelled tracks: the difference of world positions over the elapsed time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_GAP_S = 1.5
+"""nuScenes' rule: no velocity over a one-sided gap longer than this, or twice this centred."""
+
+
+def centred_velocities(
+    track_id: NDArray[np.int64],
+    stamp_ns: NDArray[np.int64],
+    position_m: NDArray[np.float64],
+    *,
+    max_gap_s: float = MAX_GAP_S,
+) -> NDArray[np.float64]:
+    """Return (N, 2) ground velocities in m/s of N labelled boxes given in the world frame.
+
+    Between two neighbours of the same track the difference is centred, at a track's ends it is
+    one-sided; a box alone in its track, or with a gap that is too long, has velocity NaN: the
+    label says nothing about it, and zero would be a claim.
+
+    Args:
+        track_id: (N,) which track each box belongs to.
+        stamp_ns: (N,) time of each box.
+        position_m: (N, 2) or (N, 3) centre in the world frame.
+        max_gap_s: longest one-sided gap.
+
+    """
+    order = np.lexsort((stamp_ns, track_id))
+    ids, stamps, xy = track_id[order], stamp_ns[order], position_m[order, :2]
+    same = ids[1:] == ids[:-1]
+    here = np.arange(len(ids))
+    before = np.where(np.concatenate([[False], same])[: len(ids)], here - 1, here)
+    after = np.where(np.concatenate([same, [False]])[: len(ids)], here + 1, here)
+    elapsed_s = (stamps[after] - stamps[before]) * 1e-9
+    sides = (after != here).astype(int) + (before != here).astype(int)
+    known = (elapsed_s > 0.0) & (elapsed_s <= max_gap_s * sides)
+    velocity = np.full((len(ids), 2), np.nan)
+    velocity[known] = (xy[after] - xy[before])[known] / elapsed_s[known, None]
+    result = np.empty_like(velocity)
+    result[order] = velocity
+    return result

@@ -1,0 +1,1 @@
+"""KITTI tracking: Velodyne sweeps, labels, calibration, poses and text detections."""

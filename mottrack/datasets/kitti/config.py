@@ -1,0 +1,49 @@
+"""What can be chosen about a KITTI tracking data set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+
+CLASSES = ("car", "pedestrian", "cyclist")
+CLASS_MAP = {
+    "Car": "car",
+    "Van": "car",
+    "Pedestrian": "pedestrian",
+    "Person": "pedestrian",
+    "Person_sitting": "pedestrian",
+    "Cyclist": "cyclist",
+    "Truck": "truck",
+    "Tram": "tram",
+    "Misc": "misc",
+}
+"""KITTI's types and what they are called here. `DontCare` regions have no 3-D box and are
+dropped. Truck, tram and misc are not scored, but they move, so flow truth needs them."""
+
+
+class KittiConfig(StrictModel):
+    """A KITTI tracking data set on disk."""
+
+    root: Path = Field(description="folder that holds `training`")
+    split: Literal["training", "testing"] = Field("training", description="folder of the split")
+    scenes: tuple[str, ...] | None = Field(None, description="sequences; none given: all")
+    frames: int | None = Field(None, ge=1, description="only the first so many frames")
+    require_sweeps: bool = Field(False, description="only frames that have a sweep")
+    velodyne_root: Path | None = Field(
+        None, description="folder with `<sequence>/<frame>.bin`; default `<split>/velodyne`"
+    )
+    detections: str | None = Field(
+        "detections/pointrcnn",
+        description="folder under the root with `<Class>/<sequence>.txt`; null: none",
+    )
+    poses: Literal["auto", "poses", "oxts", "none"] = Field(
+        "auto", description="where ego poses come from; auto: `poses`, else `oxts`; none: at rest"
+    )
+    period_s: float = Field(0.1, gt=0.0, description="time between frames, which KITTI leaves out")
+    class_map: dict[str, str] = Field(
+        CLASS_MAP, description="KITTI type to label; types left out are dropped"
+    )

@@ -1,0 +1,126 @@
+"""KITTI's text files of boxes: `label_02` (truth) and the detections that AB3DMOT reads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import DataError
+from mottrack.datasets.files import Column, read_table
+from mottrack.datasets.kitti.boxes import CameraBoxes
+
+DONT_CARE = "DontCare"
+DETECTOR_TYPES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
+"""The numbers of the AB3DMOT text format."""
+
+_BOX = tuple(Column(name) for name in ("h", "w", "l", "x", "y", "z", "ry"))
+_IMAGE = tuple(Column(name) for name in ("x1", "y1", "x2", "y2"))
+_LABEL = (
+    Column("frame", int),
+    Column("track", int),
+    Column("type", str),
+    Column("truncated"),
+    Column("occluded"),
+    Column("alpha"),
+    *_IMAGE,
+    *_BOX,
+)
+_DETECTION = (Column("frame", int), Column("type", int), *_IMAGE, Column("score"), *_BOX)
+_MAX_SIZE_M = 100.0
+
+
+@dataclass(frozen=True)
+class LabelledBoxes:
+    """N rows of `label_02/<sequence>.txt`, `DontCare` left out.
+
+    frame: (N,) frame index.
+    track: (N,) identity.
+    kind: (N,) KITTI's own type name.
+    boxes: in the rectified camera frame.
+    """
+
+    frame: NDArray[np.int64]
+    track: NDArray[np.int64]
+    kind: NDArray[np.str_]
+    boxes: CameraBoxes
+
+
+@dataclass(frozen=True)
+class DetectedBoxes:
+    """N rows of a detection file: frame (N,), type name (N,), score (N,) and camera boxes."""
+
+    frame: NDArray[np.int64]
+    kind: NDArray[np.str_]
+    score: NDArray[np.float64]
+    boxes: CameraBoxes
+
+
+def read_labels(path: Path) -> LabelledBoxes:
+    """Read the truth of one sequence.
+
+    Raises:
+        DataError: a broken line, a size that is not positive, or a track twice in one frame.
+
+    """
+    table = read_table(path, _LABEL, optional=1)
+    keep = table["type"] != DONT_CARE
+    table = {name: values[keep] for name, values in table.items()}
+    _check_rows(path, table)
+    _check_unique(path, table)
+    return LabelledBoxes(table["frame"], table["track"], table["type"], _camera_boxes(table))
+
+
+def read_detections(path: Path) -> DetectedBoxes:
+    """Read detections of one sequence in the AB3DMOT text format.
+
+    Its columns are frame, type (1 pedestrian, 2 car, 3 cyclist), x1, y1, x2, y2, score, h, w, l,
+    x, y, z, ry, alpha, separated by commas; alpha may be absent.
+
+    Raises:
+        DataError: a broken line, an unknown type or a size that is not positive.
+
+    """
+    table = read_table(path, _DETECTION, separator=",", optional=1)
+    _check_rows(path, table)
+    known = np.isin(table["type"], list(DETECTOR_TYPES))
+    _refuse(path, table, ~known, "type", f"one of {sorted(DETECTOR_TYPES)}")
+    kind = np.array([DETECTOR_TYPES[number] for number in table["type"]], dtype=np.str_)
+    return DetectedBoxes(table["frame"], kind, table["score"], _camera_boxes(table))
+
+
+def _camera_boxes(table: dict[str, NDArray[Any]]) -> CameraBoxes:
+    return CameraBoxes(
+        bottom_m=np.column_stack([table["x"], table["y"], table["z"]]),
+        size_hwl_m=np.column_stack([table["h"], table["w"], table["l"]]),
+        ry_rad=table["ry"],
+    )
+
+
+def _check_rows(path: Path, table: dict[str, NDArray[Any]]) -> None:
+    _refuse(path, table, table["frame"] < 0, "frame", "a frame index of 0 or more")
+    for name in ("h", "w", "l"):
+        wrong = (table[name] <= 0.0) | (table[name] > _MAX_SIZE_M)
+        _refuse(path, table, wrong, name, f"in (0, {_MAX_SIZE_M}] m")
+    for name in ("x", "y", "z"):
+        _refuse(path, table, np.abs(table[name]) > 1000.0, name, "within 1000 m")
+
+
+def _check_unique(path: Path, table: dict[str, NDArray[Any]]) -> None:
+    keys = np.column_stack([table["frame"], table["track"]])
+    _, first = np.unique(keys, axis=0, return_index=True)
+    repeated = np.ones(len(keys), dtype=bool)
+    repeated[first] = False
+    _refuse(path, table, repeated, "track", "each track once a frame")
+
+
+def _refuse(
+    path: Path, table: dict[str, NDArray[Any]], wrong: NDArray[np.bool_], name: str, expected: str
+) -> None:
+    rows = np.flatnonzero(wrong)
+    if rows.size:
+        value = table[name][rows[0]].item()
+        raise DataError(path, f"line {table['line'][rows[0]]}, {name}", value, expected)

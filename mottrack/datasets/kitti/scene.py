@@ -1,0 +1,155 @@
+"""One KITTI sequence."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.datasets.kinematics import centred_velocities
+from mottrack.datasets.kitti.boxes import camera_to_ego
+from mottrack.datasets.kitti.calibration import Calibration, read_calibration
+from mottrack.datasets.kitti.config import CLASSES
+from mottrack.datasets.kitti.labels import LabelledBoxes, read_detections, read_labels
+from mottrack.datasets.kitti.layout import SequenceFiles
+from mottrack.datasets.kitti.poses import read_camera_poses, read_oxts
+from mottrack.datasets.kitti.sweeps import read_points, recorded_frames, sweep_path
+from mottrack.datasets.tables import DetectionTable, to_world, truth_of
+
+
+class KittiScene:
+    """Frames of one sequence at 10 Hz, each a key frame; its token is KITTI's frame number.
+
+    Stamps are frame number times the configured period, since KITTI tracking records none.
+    """
+
+    classes = CLASSES
+
+    def __init__(self, files: SequenceFiles) -> None:
+        self._files = files
+        self._calibration: Calibration = read_calibration(files.calibration)
+        self._poses = self._read_poses()
+        self._numbers = self._chosen_frames()
+
+    @property
+    def name(self) -> str:
+        """KITTI's sequence number, four digits."""
+        return self._files.sequence
+
+    @cached_property
+    def has_sweeps(self) -> bool:
+        """Whether every frame of the scene has a sweep."""
+        recorded = set(recorded_frames(self._files.sweeps, len(self._poses)))
+        return recorded.issuperset(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame at `index`, boxes in the world."""
+        number = self._numbers[index]
+        stamp_ns = self._stamp_ns(number)
+        detections, truth = self._detections, self._truth
+        return Frame(
+            stamp_ns=stamp_ns,
+            world_T_ego=self._poses[number],
+            detections=None if detections is None else detections.objects(number, stamp_ns),
+            truth=None if truth is None else truth_of(truth, number, stamp_ns),
+            token=f"{number:06d}",
+            labelled_azimuth_rad=self._calibration.field_of_view_rad,
+        )
+
+    def sweep(self, index: int) -> Sweep:
+        """Return the sweep at `index`.
+
+        Raises:
+            DataError: the file is missing or damaged.
+
+        """
+        number = self._numbers[index]
+        xyz_m, reflectance = read_points(sweep_path(self._files.sweeps, number))
+        return Sweep(xyz_m, reflectance, self._stamp_ns(number), self._poses[number])
+
+    def _stamp_ns(self, number: int) -> int:
+        return round(number * self._files.config.period_s * 1e9)
+
+    def _read_poses(self) -> list[Pose]:
+        files, source = self._files, self._files.config.poses
+        if source == "none":
+            return [Pose.identity()] * self._frames_mentioned()
+        if source == "poses" or (source == "auto" and not files.oxts.is_file()):
+            path, poses = (
+                files.camera_poses,
+                read_camera_poses(files.camera_poses, self._calibration),
+            )
+        else:
+            path, poses = files.oxts, read_oxts(files.oxts, self._calibration)
+        if len(poses) < self._frames_labelled():
+            expected = f"{self._frames_labelled()}, one for each labelled frame"
+            raise DataError(path, "number of poses", len(poses), expected)
+        return poses
+
+    def _frames_labelled(self) -> int:
+        return 0 if self._labels is None else int(self._labels.frame.max(initial=-1)) + 1
+
+    def _frames_mentioned(self) -> int:
+        stems = [int(p.stem) for p in self._files.sweeps.glob("*.bin") if p.stem.isdigit()]
+        return max(self._frames_labelled(), max(stems, default=-1) + 1)
+
+    def _chosen_frames(self) -> list[int]:
+        numbers = list(range(len(self._poses)))
+        if self._files.config.require_sweeps:
+            numbers = recorded_frames(self._files.sweeps, len(numbers))
+        if not numbers:
+            raise DataError(self._files.sweeps, "sweeps", "missing", "at least one <frame>.bin")
+        return numbers[: self._files.config.frames]
+
+    @cached_property
+    def _labels(self) -> LabelledBoxes | None:
+        path = self._files.labels
+        return read_labels(path) if path.is_file() else None
+
+    @cached_property
+    def _truth(self) -> TruthTable | None:
+        labels = self._labels
+        if labels is None:
+            return None
+        ego = camera_to_ego(labels.boxes, self._calibration.ego_T_camera)
+        centre_m, yaw_rad = to_world(ego.centre_m, ego.yaw_rad, labels.frame, self._poses)
+        stamps = np.array([self._stamp_ns(n) for n in labels.frame], dtype=np.int64)
+        table = TruthTable(
+            frame=labels.frame,
+            id=labels.track,
+            label=self._labels_of(labels.kind),
+            centre_m=centre_m,
+            size_m=ego.size_m,
+            yaw_rad=yaw_rad,
+            velocity_mps=centred_velocities(labels.track, stamps, centre_m),
+            num_points=np.full(len(stamps), -1),
+            interpolated=np.zeros(len(stamps), dtype=bool),
+        )
+        kept = table.select(table.label != "")
+        return kept.select(np.argsort(kept.frame, kind="stable"))
+
+    @cached_property
+    def _detections(self) -> DetectionTable | None:
+        tables = [self._detection_table(path) for path in self._files.detections]
+        return DetectionTable.stacked(tables) if tables else None
+
+    def _detection_table(self, path: Path) -> DetectionTable:
+        detected = read_detections(path)
+        if detected.frame.max(initial=-1) >= len(self._poses):
+            expected = f"below {len(self._poses)}, the number of poses"
+            raise DataError(path, "frame", int(detected.frame.max()), expected)
+        ego = camera_to_ego(detected.boxes, self._calibration.ego_T_camera)
+        centre_m, yaw_rad = to_world(ego.centre_m, ego.yaw_rad, detected.frame, self._poses)
+        label = self._labels_of(detected.kind)
+        table = DetectionTable(detected.frame, label, detected.score, centre_m, ego.size_m, yaw_rad)
+        return table.select(label != "")
+
+    def _labels_of(self, kind: NDArray[np.str_]) -> NDArray[np.str_]:
+        mapped = [self._files.config.class_map.get(str(k), "") for k in kind]
+        return np.array(mapped, dtype=np.str_)

@@ -1,0 +1,38 @@
+"""KITTI sweeps: `velodyne/<sequence>/<frame>.bin`, float32 x, y, z, reflectance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.datasets.files import check_range, check_unit_interval, read_floats
+
+
+def sweep_path(folder: Path, frame: int) -> Path:
+    """Return the file of one frame."""
+    return folder / f"{frame:06d}.bin"
+
+
+def recorded_frames(folder: Path, count: int) -> list[int]:
+    """Return those of the frames 0 .. count - 1 that have a sweep, ascending.
+
+    KITTI's own recording misses some (four of sequence 0001).
+    """
+    present = {path.stem for path in folder.glob("*.bin")}
+    return [frame for frame in range(count) if f"{frame:06d}" in present]
+
+
+def read_points(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return xyz_m (N, 3) in the ego frame and reflectance (N,) in [0, 1].
+
+    Raises:
+        DataError: missing, empty or cut file, a value that is not finite or out of range.
+
+    """
+    values = read_floats(path, 4)
+    xyz_m, reflectance = values[:, :3], values[:, 3]
+    check_range(path, xyz_m)
+    check_unit_interval(path, reflectance)
+    return xyz_m, reflectance

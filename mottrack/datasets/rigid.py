@@ -1,0 +1,48 @@
+"""Rigid transforms out of files, where rotations come rounded to a few digits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core import Pose
+from mottrack.core.errors import DataError
+
+MAX_DEFECT = 1e-3
+"""Largest |R R^T - I| taken for rounding; more is a damaged or mistaken matrix."""
+
+
+def rigid_pose(matrix: NDArray[np.float64], file: Path, field: str) -> Pose:
+    """Return the pose of a (3, 4) or (4, 4) matrix with its rotation made exactly orthonormal.
+
+    Raises:
+        DataError: not finite, or not a rotation by more than rounding explains.
+
+    """
+    rotation, translation = matrix[:3, :3], matrix[:3, 3]
+    if not np.isfinite(matrix).all():
+        raise DataError(file, field, matrix[:3].ravel().tolist(), "finite numbers")
+    defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if defect > MAX_DEFECT or np.linalg.det(rotation) < 0.0:
+        raise DataError(file, field, f"off by {defect:.3g}", "a rotation matrix")
+    left, _, right = np.linalg.svd(rotation)
+    return Pose(left @ right, translation.copy())
+
+
+def quaternion_pose(
+    wxyz: NDArray[np.float64], translation_m: NDArray[np.float64], file: Path, field: str
+) -> Pose:
+    """Return the pose of a quaternion (w, x, y, z) that is a unit one but for rounding.
+
+    Raises:
+        DataError: not finite or not of unit length.
+
+    """
+    if not (np.isfinite(wxyz).all() and np.isfinite(translation_m).all()):
+        raise DataError(file, field, [*wxyz.tolist(), *translation_m.tolist()], "finite numbers")
+    length = float(np.linalg.norm(wxyz))
+    if abs(length - 1.0) > MAX_DEFECT:
+        raise DataError(file, field, wxyz.tolist(), f"a unit quaternion, length is {length:.4g}")
+    return Pose.from_quaternion_wxyz(wxyz / length, translation_m)
