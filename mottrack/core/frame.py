@@ -28,6 +28,9 @@ class Frame:
     """Whether trackers step and scores count at this stamp (nuScenes: key frames at 2 Hz)."""
     token: str = ""
     """The data set's own name of the frame (nuScenes: the sample token)."""
+    labelled_azimuth_rad: tuple[float, float] | None = None
+    """(right, left) azimuth in the ego frame between which objects are labelled; None: all around.
+    KITTI labels what its camera sees, so outside it a track or a moving cell is no error."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
