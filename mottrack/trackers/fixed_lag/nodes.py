@@ -1,0 +1,154 @@
+"""What one frame adds to the factor graph: a state node per associated track, and its factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import InputError
+from mottrack.trackers.fixed_lag.motion import (
+    F64,
+    MotionNoise,
+    process_noise,
+    square_root_information,
+    transition,
+)
+
+MIN_STEP_S = 1e-3
+"""Shorter steps make Q(dt) singular in double precision."""
+MAX_STEP_S = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class NodeBatch:
+    """The measurements of one stamp, one row a track. Positions and velocities in one fixed frame.
+
+    Raises `InputError` when shapes disagree or a track appears twice: GTSAM ends the process on
+    wrong shapes, so they never reach it. Values are judged row by row, by `usable`.
+    """
+
+    stamp_ns: int
+    slot: NDArray[np.int64]
+    """(N,) the track each row belongs to."""
+    birth: NDArray[np.bool_]
+    """(N,) the first node of its track."""
+    position_m: F64
+    """(N, 2)."""
+    position_covariance_m2: F64
+    """(N, 2, 2)."""
+    velocity_mps: F64
+    """(N, 2), read only where `has_velocity`."""
+    velocity_covariance_m2ps2: F64
+    """(N, 2, 2)."""
+    has_velocity: NDArray[np.bool_]
+    """(N,)."""
+    weight: F64
+    """(N,) in (0, 1], the robust weight of the position factor."""
+    innovation: F64
+    """(N,) normalised distance of the measured from the predicted position; 0 at a birth."""
+
+    def __post_init__(self) -> None:
+        count = len(self.slot)
+        expected = {
+            "slot": (count,),
+            "birth": (count,),
+            "position_m": (count, 2),
+            "position_covariance_m2": (count, 2, 2),
+            "velocity_mps": (count, 2),
+            "velocity_covariance_m2ps2": (count, 2, 2),
+            "has_velocity": (count,),
+            "weight": (count,),
+            "innovation": (count,),
+        }
+        for field, shape in expected.items():
+            if getattr(self, field).shape != shape:
+                raise InputError(field, getattr(self, field).shape, str(shape))
+        if len(np.unique(self.slot)) != count:
+            raise InputError("slot", self.slot.tolist(), "each track at most once")
+
+    def __len__(self) -> int:
+        return len(self.slot)
+
+    def select(self, rows: NDArray[np.bool_]) -> NodeBatch:
+        """The rows of a mask (N,)."""
+        if rows.all():
+            return self
+        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "stamp_ns"}
+        return NodeBatch(stamp_ns=self.stamp_ns, **arrays)
+
+    def usable(self, dt_s: F64) -> NDArray[np.bool_]:
+        """(N,) rows that can be eliminated: finite, positive definite, with a step in time.
+
+        `dt_s` (N,) is ignored at births. The rows are judged apart, so that one bad track does not
+        cost the others their frame.
+        """
+        position = np.isfinite(self.position_m).all(axis=1) & _definite(self.position_covariance_m2)
+        velocity = np.isfinite(self.velocity_mps).all(axis=1)
+        velocity &= _definite(self.velocity_covariance_m2ps2)
+        step = self.birth | ((dt_s >= MIN_STEP_S) & (dt_s <= MAX_STEP_S))
+        weight = (self.weight > 0.0) & (self.weight <= 1.0)
+        usable: NDArray[np.bool_] = position & (velocity | ~self.has_velocity) & step & weight
+        return usable
+
+
+def _definite(covariance: F64) -> NDArray[np.bool_]:
+    """(N,) 2 x 2 matrices that are finite, symmetric, positive definite and of sane magnitude."""
+    xx, yy, xy = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
+    with np.errstate(all="ignore"):
+        sane = (xx > 1e-12) & (yy > 1e-12) & (xx < 1e12) & (yy < 1e12)
+        symmetric = np.abs(xy - covariance[:, 1, 0]) <= 1e-9 * np.sqrt(np.abs(xx * yy))
+        return sane & symmetric & (xx * yy - xy**2 > 1e-12 * xx * yy)
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedRows:
+    """Every factor of a frame in unit noise, stacked: motion 6, position 2, velocity 2 rows.
+
+    `previous @ x_0 + current @ x_1 = target`. At a birth the first four rows are the prior of
+    velocity and acceleration and rows 4 and 5 are empty. Rows 8 and 9 are the velocity factor and
+    are left out by `count` where there is none.
+    """
+
+    previous: F64
+    """(N, 10, 6)."""
+    current: F64
+    """(N, 10, 6)."""
+    target: F64
+    """(N, 10)."""
+    count: NDArray[np.int64]
+    """(N,) rows in use: 10, or 8 without velocity."""
+
+
+def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, noise: MotionNoise) -> WhitenedRows:
+    """Whiten the factors of `batch`; positions are taken relative to `anchor_m` (N, 2)."""
+    count = len(batch)
+    previous, current = np.zeros((count, 10, 6)), np.zeros((count, 10, 6))
+    target = np.zeros((count, 10))
+    step_s = np.where(batch.birth, 0.1, dt_s)
+    root = square_root_information(process_noise(step_s, noise))
+    previous[:, :6] = -root @ transition(step_s)
+    current[:, :6] = root
+    previous[batch.birth] = 0.0
+    current[batch.birth, :6] = birth_prior(noise)
+    root = square_root_information(batch.position_covariance_m2)
+    root *= np.sqrt(batch.weight)[:, None, None]
+    current[:, 6:8, 0:2] = root
+    target[:, 6:8] = np.einsum("nij,nj->ni", root, batch.position_m - anchor_m)
+    seen = batch.has_velocity
+    root = square_root_information(batch.velocity_covariance_m2ps2[seen])
+    current[seen, 8:10, 2:4] = root
+    target[seen, 8:10] = np.einsum("nij,nj->ni", root, batch.velocity_mps[seen])
+    return WhitenedRows(previous, current, target, np.where(seen, 10, 8))
+
+
+def birth_prior(noise: MotionNoise) -> F64:
+    """(6, 6) prior rows of a new track: velocity and acceleration about zero, two empty rows.
+
+    Without them one position leaves velocity and acceleration undetermined.
+    """
+    rows = np.zeros((6, 6))
+    rows[range(2), range(2, 4)] = 1.0 / noise.birth_speed_sigma_mps
+    rows[range(2, 4), range(4, 6)] = 1.0 / noise.birth_acceleration_sigma_mps2
+    return rows
