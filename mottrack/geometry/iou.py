@@ -107,13 +107,15 @@ def _area(boxes: F64) -> F64:
 
 def _ratio(part: F64, whole: F64) -> F64:
     """Part over whole, 0 where the whole is nothing."""
-    return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
+    share: F64 = np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
+    return share
 
 
 def _height_overlap(a: F64, b: F64) -> F64:
     top = np.minimum((a[:, 2] + a[:, 5] / 2)[:, None], (b[:, 2] + b[:, 5] / 2)[None, :])
     bottom = np.maximum((a[:, 2] - a[:, 5] / 2)[:, None], (b[:, 2] - b[:, 5] / 2)[None, :])
-    return np.maximum(top - bottom, 0.0)
+    overlap: F64 = np.maximum(top - bottom, 0.0)
+    return overlap
 
 
 def _height_span(a: F64, b: F64) -> F64:

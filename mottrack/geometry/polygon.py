@@ -41,7 +41,7 @@ def clip_area(subject: F64, clip: F64, work: F64) -> float:
         count = kept
         if count < 3:
             return 0.0
-    return shoelace(work[now], count)
+    return float(shoelace(work[now], count))
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,57 @@
+"""Identity measures: IDF1, IDP, IDR (Ristani et al., 2016)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from mottrack.eval.pairs import Pairs
+
+
+@dataclass(frozen=True, slots=True)
+class IdentityCounts:
+    """Boxes whose identity is right under the best one-to-one map of whole tracks; they add up."""
+
+    true_positives: int = 0
+    truth: int = 0
+    tracked: int = 0
+
+    @property
+    def idf1(self) -> float:
+        """2 IDTP / (truth + tracked); NaN where there is neither."""
+        return _share(2 * self.true_positives, self.truth + self.tracked)
+
+    @property
+    def idp(self) -> float:
+        """IDTP / tracked boxes; NaN without tracks."""
+        return _share(self.true_positives, self.tracked)
+
+    @property
+    def idr(self) -> float:
+        """IDTP / true boxes; NaN without truth."""
+        return _share(self.true_positives, self.truth)
+
+
+def identity_counts(pairs: Pairs) -> IdentityCounts:
+    """The counts of one sequence; every listed pair counts as overlap, so gate them before."""
+    truth_id, track_id = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
+    shared = np.zeros((truth_id.max(initial=-1) + 1, track_id.max(initial=-1) + 1))
+    np.add.at(shared, (truth_id[pairs.truth_row], track_id[pairs.track_row]), 1)
+    rows, columns = linear_sum_assignment(shared, maximize=True)
+    best = int(shared[rows, columns].sum())
+    return IdentityCounts(best, len(truth_id), len(track_id))
+
+
+def total(counts: Iterable[IdentityCounts]) -> IdentityCounts:
+    """The counts of several sequences or classes together."""
+    listed = list(counts)
+    return IdentityCounts(
+        sum(c.true_positives for c in listed),
+        sum(c.truth for c in listed),
+        sum(c.tracked for c in listed),
+    )
+
+
+def _share(part: int, whole: int) -> float:
+    return part / whole if whole else float("nan")
