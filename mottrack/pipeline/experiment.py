@@ -1,0 +1,119 @@
+"""One experiment: which data, which objects, which flow, which tracker, and how they are scored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from mottrack.core.errors import ConfigError
+from mottrack.pipeline.configs import find_config, find_group
+from mottrack.pipeline.explain import explain
+from mottrack.pipeline.overrides import GROUPS, Choice, expand, set_key
+from mottrack.pipeline.plugins import Part, load_part
+from mottrack.pipeline.settings import Settings
+from mottrack.pipeline.yaml_file import read_yaml
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A complete, checked configuration."""
+
+    dataset: Part
+    objects: Part
+    flow: Part
+    tracker: Part
+    settings: Settings
+    variant: str = ""
+    """What distinguishes it within a sweep; empty if it is the only one."""
+    sources: tuple[str, ...] = field(default=())
+    """Files that it was composed of."""
+
+    def resolved(self) -> dict[str, Any]:
+        """Every setting, defaults included, as plain data."""
+        parts = {group: getattr(self, group).resolved() for group in GROUPS}
+        return {**parts, **self.settings.model_dump(mode="json")}
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the resolved configuration: equal settings, equal hash."""
+        canonical = json.dumps(self.resolved(), sort_keys=True, default=str)
+        return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experiment]:
+    """Composes an experiment file, its groups and the overrides; a sweep gives several.
+
+    Args:
+        config: path of a YAML file, or the name of one that is shipped.
+        overrides: ``key=value`` texts; ``flow=zero,icp`` makes a sweep.
+
+    Raises:
+        ConfigError: a key, a name or a value is wrong.
+        DataError: a file can't be read.
+    """
+    path = find_config(config)
+    return compose(read_yaml(path), overrides, path)
+
+
+def compose(tree: Mapping[str, Any], overrides: Sequence[str], path: Path) -> list[Experiment]:
+    """Composes experiments from a mapping as an experiment file holds it."""
+    variants = expand(tree, overrides)
+    names = [name for name, _ in variants]
+    if len(set(names)) != len(names):
+        raise ConfigError(f"{path}: two variants of the sweep have the same name: {sorted(names)}")
+    return [_compose_one(tree, choices, name, path) for name, choices in variants]
+
+
+def _compose_one(
+    base: Mapping[str, Any], choices: Sequence[Choice], variant: str, path: Path
+) -> Experiment:
+    tree: dict[str, Any] = json.loads(json.dumps(base, default=str))  # a copy without aliases
+    sources = [str(path)]
+    tree |= {key: value for key, value in choices if key in GROUPS}
+    for group in GROUPS:
+        tree[group] = _group_settings(group, tree.get(group, DEFAULTS[group]), path, sources)
+    for key, value in choices:
+        if key not in GROUPS:
+            set_key(tree, key, value)
+    parts = {group: load_part(group, tree.pop(group)) for group in GROUPS}
+    try:
+        settings = Settings.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(error, _WholeFile)}") from error
+    return Experiment(**parts, settings=settings, variant=variant, sources=tuple(sources))
+
+
+DEFAULTS = {
+    "dataset": {"kind": "synthetic"},
+    "objects": {"kind": "detections"},
+    "flow": {"kind": "zero"},
+    "tracker": {"kind": "kalman"},
+}
+
+
+class _WholeFile(Settings):
+    """All top-level keys of an experiment file, for the hint after a typing error."""
+
+    dataset: Any = None
+    objects: Any = None
+    flow: Any = None
+    tracker: Any = None
+
+
+def _group_settings(group: str, choice: Any, path: Path, sources: list[str]) -> dict[str, Any]:
+    """``icp`` is the file ``flow/icp.yaml`` where there is one, else the kind of that name."""
+    if isinstance(choice, dict):
+        return choice
+    if not isinstance(choice, str):
+        raise ConfigError(f"{path}: {group} is {choice!r}, expected a name or a mapping with kind")
+    file = find_group(group, choice, path.parent)
+    if file is None:
+        return {"kind": choice}
+    sources.append(str(file))
+    return {"kind": choice, **read_yaml(file)}

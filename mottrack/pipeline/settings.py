@@ -1,0 +1,44 @@
+"""What an experiment holds besides its four parts."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.core.grid import BevGrid
+from mottrack.eval.scores import ScoreConfig
+from mottrack.objects.velocity import VelocityConfig
+
+
+class GridConfig(StrictModel):
+    """Extent and cell size of the bird's-eye-view grid; the default is the paper's."""
+
+    x_min_m: float = -50.0
+    x_max_m: float = 50.0
+    y_min_m: float = -50.0
+    y_max_m: float = 50.0
+    cell_m: float = Field(default=0.25, gt=0)
+
+    def grid(self) -> BevGrid:
+        """The grid itself."""
+        return BevGrid(**self.model_dump())
+
+
+class Settings(StrictModel):
+    """What an experiment holds besides its four parts."""
+
+    name: str = Field(default="", description="title in tables and reports")
+    scenes: tuple[str, ...] | None = Field(default=None, description="a choice; None: all")
+    grid: GridConfig = GridConfig()
+    velocity: VelocityConfig = VelocityConfig()
+    scores: ScoreConfig = ScoreConfig()
+    pair_s: float = Field(
+        default=0.1, gt=0, le=0.3, description="wanted time between the two sweeps of a flow"
+    )
+    max_pair_s: float = Field(
+        default=0.3, gt=0, le=0.3, description="sweeps further apart are refused: objects jump"
+    )
+    score_flow: bool = Field(default=True, description="compare the flow with truth, cell by cell")
+    flow_sample_limit: int = Field(
+        default=4000, ge=1, description="cells a frame that are kept for the flow scores"
+    )

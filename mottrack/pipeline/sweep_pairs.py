@@ -1,0 +1,55 @@
+"""Which earlier sweep a flow is measured from."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from mottrack.core.errors import InputError
+from mottrack.core.sweep import Sweep, seconds_between
+
+
+class SweepPairs:
+    """Remembers the last sweeps and picks the one whose age is nearest to the wanted one.
+
+    At 20 Hz a pedestrian moves less than the noise from one sweep to the next, at 2 Hz vehicles
+    jump by several lengths; 0.1 s is right for both. Sweeps further apart than ``max_pair_s``
+    are no pair: a scene may have a gap, but one that never has a pair is an error.
+    """
+
+    def __init__(self, pair_s: float, max_pair_s: float) -> None:
+        self._pair_s, self._max_pair_s = pair_s, max_pair_s
+        self._sweeps: deque[Sweep] = deque()
+        self._paired = False
+        self._gaps = 0
+
+    def push(self, sweep: Sweep, *, consecutive: bool = False) -> Sweep | None:
+        """Adds the newest sweep; returns its partner, or None where none is near enough.
+
+        Args:
+            sweep: later than all before.
+            consecutive: for a source that filters over time: always the last sweep.
+
+        Raises:
+            InputError: the first three sweeps in a row have no partner: this data set has key
+                frames only, from which flow can't be measured.
+        """
+        ages = {id(s): seconds_between(s.stamp_ns, sweep.stamp_ns) for s in self._sweeps}
+        while self._sweeps and ages[id(self._sweeps[0])] > self._max_pair_s:
+            self._sweeps.popleft()
+            self._gaps += 1
+        partner: Sweep | None = None
+        if self._sweeps:
+            partner = self._sweeps[-1] if consecutive else self._nearest(ages)
+            self._paired = True
+        elif self._gaps >= 3 and not self._paired:
+            raise InputError(
+                "time between sweeps",
+                f"{min(ages.values(), default=0.0):.2f} s",
+                f"at most {self._max_pair_s} s: objects move too far between key frames for flow; "
+                "read the sweeps between them",
+            )
+        self._sweeps.append(sweep)
+        return partner
+
+    def _nearest(self, ages: dict[int, float]) -> Sweep:
+        return min(self._sweeps, key=lambda s: abs(ages[id(s)] - self._pair_s))
