@@ -1,0 +1,68 @@
+"""One-to-one matching of gated pairs; ties are always broken by row, then by column."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+Pairs = tuple[I64, I64]
+Assignment = Callable[[F64, Pairs], I64]
+
+
+def greedy(cost: F64, pairs: Pairs) -> I64:
+    """Accept pairs from the cheapest to the dearest while both sides are free.
+
+    cost (P,) of the pairs (i, j), two arrays (P,). Returns the indices of the accepted pairs, in
+    the order of acceptance.
+    """
+    order = np.lexsort((pairs[1], pairs[0], cost))
+    taken_left: set[int] = set()
+    taken_right: set[int] = set()
+    accepted = []
+    rows, columns = pairs[0][order].tolist(), pairs[1][order].tolist()
+    for index, i, j in zip(order.tolist(), rows, columns, strict=True):
+        if i not in taken_left and j not in taken_right:
+            taken_left.add(i)
+            taken_right.add(j)
+            accepted.append(index)
+    return np.array(accepted, np.int64)
+
+
+def hungarian(cost: F64, pairs: Pairs) -> I64:
+    """The matching with the most pairs and, among those, the least total cost.
+
+    Same arguments and result as `greedy`; pairs that are not listed can never match.
+    """
+    if len(cost) == 0:
+        return np.empty(0, np.int64)
+    rows, i = np.unique(pairs[0], return_inverse=True)
+    columns, j = np.unique(pairs[1], return_inverse=True)
+    floor = float(cost.min())
+    absent = (float(cost.max()) - floor + 1.0) * (min(len(rows), len(columns)) + 1)
+    matrix = np.full((len(rows), len(columns)), absent)
+    matrix[i, j] = cost - floor
+    index = np.full(matrix.shape, -1, np.int64)
+    index[i, j] = np.arange(len(cost))
+    chosen = index[linear_sum_assignment(matrix)]
+    return chosen[chosen >= 0]
+
+
+def mutual_nearest(cost: F64, pairs: Pairs) -> I64:
+    """Pairs in which each side is the other's cheapest; same arguments and result as `greedy`."""
+    order = np.lexsort((pairs[1], pairs[0], cost))
+    left, right = pairs[0][order], pairs[1][order]
+    first_left = np.zeros(len(order), bool)
+    first_right = np.zeros(len(order), bool)
+    first_left[np.unique(left, return_index=True)[1]] = True
+    first_right[np.unique(right, return_index=True)[1]] = True
+    return order[first_left & first_right]
+
+
+ASSIGNMENTS: dict[str, Assignment] = {
+    "greedy": greedy,
+    "hungarian": hungarian,
+    "mutual_nearest": mutual_nearest,
+}

@@ -1,0 +1,76 @@
+"""Bookkeeping of live tracks: identity, class, score and age, as structure of arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class TrackBook:
+    """One row a live track, in order of birth."""
+
+    id: I64
+    label: I64
+    """Index of the class."""
+    score: F64
+    """Of the last detection."""
+    score_sum: F64
+    """Over all its detections."""
+    confidence: F64
+    """Belief that there is an object, from all its scores."""
+    hits: I64
+    """Detections so far, in total."""
+    misses: I64
+    """Steps since the last detection."""
+    seen_ns: I64
+    """Stamp of the last detection."""
+    flips: I64
+    """Evidence for the present heading against the opposite one."""
+    source: I64
+    """Row of this step's detection in the objects handed over; -1 while coasting."""
+
+    @classmethod
+    def empty(cls) -> TrackBook:
+        """No track."""
+        floats = {"score", "score_sum", "confidence"}
+        return cls(
+            **{f.name: np.empty(0, float if f.name in floats else np.int64) for f in fields(cls)}
+        )
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def append(self, new: TrackBook) -> None:
+        """Adds the rows of another book."""
+        for item in fields(self):
+            joined = np.concatenate([getattr(self, item.name), getattr(new, item.name)])
+            setattr(self, item.name, joined)
+
+    def keep(self, mask: NDArray[Any]) -> None:
+        """Drops every row outside the mask."""
+        for item in fields(self):
+            setattr(self, item.name, getattr(self, item.name)[mask])
+
+
+def newborn(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackBook:
+    """Rows of n new tracks with consecutive ids."""
+    n = len(label)
+    return TrackBook(
+        id=np.arange(first_id, first_id + n),
+        label=label,
+        score=score.copy(),
+        score_sum=score.copy(),
+        confidence=np.clip(score, 0.0, 1.0),
+        hits=np.ones(n, np.int64),
+        misses=np.zeros(n, np.int64),
+        seen_ns=np.full(n, stamp_ns, np.int64),
+        flips=np.zeros(n, np.int64),
+        source=np.full(n, -1, np.int64),
+    )

@@ -1,0 +1,143 @@
+"""Settings of the Kalman tracker. Every default says its unit; presets live in `presets`."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from mottrack.config import StrictModel
+from mottrack.trackers.kalman.presets import PRESETS
+from mottrack.trackers.lifecycle import LifeConfig
+
+Variance = tuple[float, ...]
+
+
+class ClassNoise(StrictModel):
+    """Noise of one class: diagonal variances in SI units (per frame where `time` is frames)."""
+
+    observation: Variance = Field(
+        min_length=7, max_length=7, description="R: variances of observed x, y, z, yaw, l, w, h"
+    )
+    initial: Variance = Field(
+        min_length=11, max_length=11, description="P0: the same seven, then d_x, d_y, d_z, d_yaw"
+    )
+    process: Variance = Field(
+        min_length=11, max_length=11, description="Q per unit of time, in the order of P0"
+    )
+    along_ratio: float = Field(
+        1.0, ge=1.0, description="standard deviation of x, y along the heading over that across it"
+    )
+    initial_acceleration: float = Field(4.0, gt=0, description="P0 of a_x, a_y in (m/s^2)^2")
+    jerk: float = Field(1.0, gt=0, description="Q of a_x, a_y in (m/s^2)^2 per s")
+
+
+class NoiseConfig(StrictModel):
+    """Where the noise comes from."""
+
+    table: str = Field("default", description="built-in table: default or chiu2020-megvii")
+    form: Literal["wiener", "diagonal"] = Field(
+        "wiener", description="wiener: white acceleration over real time; diagonal: as published"
+    )
+    classes: dict[str, ClassNoise] = Field(
+        default_factory=dict, description="noise by class, in place of the table's"
+    )
+
+
+class VelocityConfig(StrictModel):
+    """The velocity observation (d_x, d_y) with its covariance R_d (paper, section IV-D)."""
+
+    use: bool = Field(True, description="observe velocities where they were measured")
+    birth: Literal["update", "replace"] = Field(
+        "update", description="a new track weighs the velocity against P0, or takes it as it is"
+    )
+    covariance: tuple[float, float, float] | None = Field(
+        None, description="R_d as (xx, xy, yy) in (m/s)^2 for every measurement; none: its own"
+    )
+    floor_mps: float = Field(0.3, gt=0, description="standard deviation added in quadrature")
+    gate: float | None = Field(
+        None, gt=0, description="ignore a velocity further than this many sigma from its track"
+    )
+
+
+class AssociationConfig(StrictModel):
+    """Which detection belongs to which track."""
+
+    metric: Literal["mahalanobis", "centre", "iou_bev", "iou_3d", "giou_bev", "giou_3d"] = Field(
+        "mahalanobis", description="cost of a pair; overlaps cost 1 - overlap"
+    )
+    components: Literal["box", "position", "planar"] = Field(
+        "box", description="what Mahalanobis compares: all seven, x y z, or x y"
+    )
+    log_det: bool = Field(False, description="add ln det S to d^2: likelihood, not distance")
+    velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
+    method: Literal["greedy", "hungarian", "mutual_nearest"] = Field(
+        "greedy", description="assignment of the gated pairs"
+    )
+    gate: float = Field(11.0, gt=0, description="largest cost of a pair (sigma, metres, 1 - IoU)")
+    gates: dict[str, float] = Field(default_factory=dict, description="gate by class")
+    max_distance_m: float = Field(
+        1e3, gt=0, description="largest distance of the centres along x and along y"
+    )
+    class_aware: bool = Field(True, description="match within a class only")
+    float32: bool = Field(False, description="round costs as the published tracker does")
+
+
+class SecondStageConfig(StrictModel):
+    """A second look at detections whose score was too low to start a track."""
+
+    enabled: bool = False
+    score: float = Field(0.3, description="detections below it wait for the second stage")
+    association: AssociationConfig = Field(default_factory=AssociationConfig)
+
+
+class NmsConfig(StrictModel):
+    """Non-maximum suppression before tracking."""
+
+    enabled: bool = False
+    iou: float = Field(0.1, ge=0, le=1, description="BeV IoU above which the weaker one goes")
+    class_aware: bool = Field(True, description="suppress within a class only")
+    min_score: float | None = Field(None, description="drop weaker detections altogether")
+
+
+class KalmanConfig(StrictModel):
+    """Settings of `KalmanTracker`; `preset` fills in whatever is not given."""
+
+    preset: str = Field("default", description="default, stanford_iprl_tri or pillarflow")
+    time: Literal["seconds", "frames"] = Field("seconds", description="unit of time of the filter")
+    frame_s: float = Field(0.5, gt=0, description="length of the first step where time is frames")
+    engine: Literal["auto", "block", "dense", "filterpy"] = Field(
+        "auto", description="auto: the closed block form where the motion models allow it"
+    )
+    yaw: Literal["vote", "published"] = Field(
+        "vote", description="how opposite headings are told apart (both compare modulo pi)"
+    )
+    drop_unknown: bool = Field(False, description="drop classes without noise of their own")
+    noise: NoiseConfig = Field(default_factory=NoiseConfig)
+    velocity: VelocityConfig = Field(default_factory=VelocityConfig)
+    association: AssociationConfig = Field(default_factory=AssociationConfig)
+    second_stage: SecondStageConfig = Field(default_factory=SecondStageConfig)
+    nms: NmsConfig = Field(default_factory=NmsConfig)
+    life: LifeConfig = Field(default_factory=LifeConfig)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        preset = given.get("preset", "default")
+        if preset not in PRESETS:
+            raise ValueError(f"preset is {preset!r}, expected one of {', '.join(PRESETS)}")
+        return merged(PRESETS[preset], given)
+
+
+def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """The nested mapping `base` with `changes` on top of it."""
+    result = dict(base)
+    for key, value in changes.items():
+        if isinstance(value, StrictModel):
+            value = value.model_dump(exclude_unset=True)
+        old = result.get(key)
+        both = isinstance(old, dict) and isinstance(value, dict)
+        result[key] = merged(old, value) if both else value  # type: ignore[arg-type]
+    return result

@@ -1,0 +1,132 @@
+"""What one step observes, as arrays in one fixed order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import InputError
+from mottrack.core.objects import Objects
+from mottrack.core.pose import wrap_angle
+from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
+from mottrack.trackers.kalman.noise_model import NoiseRows, position_covariance
+from mottrack.trackers.kalman.noise_table import NoiseTable
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Detections:
+    """N observations o_hat with R_hat = blockdiag(R, R_d)."""
+
+    box: F64
+    """(N, 7) x, y, z, yaw, l, w, h."""
+    position: F64
+    """(N, 2, 2) covariance of x, y."""
+    axial: F64
+    """(N, 5) variances of z, yaw, l, w, h."""
+    velocity: F64
+    """(N, 2) in the tracker's unit of time; 0 where not measured."""
+    velocity_covariance: F64
+    """(N, 2, 2) R_d."""
+    moving: NDArray[np.bool_]
+    """(N,) whether the velocity was measured."""
+    label: I64
+    """(N,) index of the class."""
+    score: F64
+    """(N,)"""
+    source: I64
+    """(N,) row in the objects handed over."""
+
+    def __len__(self) -> int:
+        return len(self.box)
+
+    def select(self, index: NDArray[Any]) -> Detections:
+        """The rows that a mask or an index picks."""
+        return Detections(*(getattr(self, name)[index] for name in self.__slots__))
+
+
+def read_detections(
+    objects: Objects, config: KalmanConfig, table: NoiseTable, unit_s: float
+) -> Detections:
+    """Checks, suppresses and orders the objects of a step.
+
+    unit_s is the length of the filter's unit of time in seconds: velocities become metres a unit.
+    The order is by class, then from the best score down, so the order of the input is of no
+    consequence; the published tracker keeps the order it was given within a class.
+
+    Raises:
+        InputError: the objects are not in the world frame.
+    """
+    if objects.frame != "world":
+        raise InputError("frame of objects", repr(objects.frame), "'world'")
+    chosen = np.arange(len(objects))
+    if config.drop_unknown:
+        chosen = chosen[table.knows(objects.label)]
+    label = table.index(objects.label[chosen])
+    rank = _order(objects, chosen, label, stable=config.yaw == "published")
+    chosen, label = chosen[rank], label[rank]
+    kept = suppress(objects, chosen, label, config.nms)
+    return _pack(objects, chosen[kept], table.rows(label[kept]), label[kept], (config, unit_s))
+
+
+def suppress(objects: Objects, chosen: I64, label: I64, config: NmsConfig) -> I64:
+    """Positions in `chosen` that survive the score limit and non-maximum suppression."""
+    kept = np.arange(len(chosen))
+    if not config.enabled:
+        return kept
+    if config.min_score is not None:
+        kept = kept[objects.score[chosen] >= config.min_score]
+    # numba behind it: loaded only by those who suppress
+    from mottrack.trackers.nms import non_maximum_suppression
+
+    rows = chosen[kept]
+    box = np.hstack([objects.centre_m, objects.size_m, objects.yaw_rad[:, None]])[rows]
+    group = label[kept] if config.class_aware else np.zeros(len(kept), np.int64)
+    return kept[non_maximum_suppression(box, objects.score[rows], group, config.iou)]
+
+
+def _order(objects: Objects, chosen: I64, label: I64, *, stable: bool) -> I64:
+    if stable:
+        return np.asarray(np.argsort(label, kind="stable"))
+    x, y, z = objects.centre_m[chosen].T
+    return np.lexsort((z, y, x, -objects.score[chosen], label))
+
+
+def _pack(
+    objects: Objects, rows: I64, noise: NoiseRows, label: I64, how: tuple[KalmanConfig, float]
+) -> Detections:
+    config, unit_s = how
+    yaw = wrap_angle(objects.yaw_rad[rows])
+    mean, covariance, moving = _velocity(objects, rows, config)
+    return Detections(
+        box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
+        position=position_covariance(noise, yaw),
+        axial=noise.observation[:, 2:],
+        velocity=mean * unit_s,
+        velocity_covariance=covariance * unit_s**2,
+        moving=moving,
+        label=label,
+        score=objects.score[rows],
+        source=rows,
+    )
+
+
+def _velocity(
+    objects: Objects, rows: I64, config: KalmanConfig
+) -> tuple[F64, F64, NDArray[np.bool_]]:
+    settings, measured = config.velocity, objects.velocity
+    if not settings.use or measured is None:
+        n = len(rows)
+        return np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, bool)
+    covariance = measured.covariance_m2ps2[rows]
+    if settings.covariance is not None:
+        xx, xy, yy = settings.covariance
+        covariance = np.broadcast_to(np.array([[xx, xy], [xy, yy]]), covariance.shape)
+    else:
+        covariance = covariance + settings.floor_mps**2 * np.eye(2)
+    return measured.mean_mps[rows], covariance, measured.valid[rows]

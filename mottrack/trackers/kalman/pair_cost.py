@@ -1,0 +1,141 @@
+"""How far a detection is from a predicted track, for the pairs that may match."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.pose import wrap_angle
+from mottrack.trackers.association import centre_distance_m
+from mottrack.trackers.kalman.config import AssociationConfig
+from mottrack.trackers.kalman.detections import Detections
+from mottrack.trackers.kalman.state import BOX_SIZE, VELOCITY, YAW
+from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
+
+if TYPE_CHECKING:
+    from mottrack.trackers.kalman.matching import Predicted
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+Pairs = tuple[I64, I64]
+PairCost = Callable[["Detections", "Predicted", Pairs, AssociationConfig], tuple[F64, F64]]
+
+ROUNDING = 1e-6
+"""Slack of the first look, so that the exact gate decides at its very edge."""
+
+COMPARED = {"box": slice(0, 5), "position": slice(0, 1), "planar": slice(0, 0)}
+"""Which of z, yaw, l, w, h count beside x and y."""
+
+
+def largest_offset_m(
+    seen: Detections, tracks: Predicted, gate: F64, config: AssociationConfig
+) -> F64:
+    """Offsets along x and y, (M, 2), beyond which no detection can pass the gate of a track."""
+    offset = np.full((len(tracks.mean), 2), np.inf)
+    if config.metric == "centre":
+        offset[:] = gate[:, None]
+    elif config.metric.startswith("iou"):
+        offset[:] = 0.5 * _diagonal_m(tracks.mean)[:, None]
+        offset += 0.5 * _diagonal_m(seen.box).max(initial=0.0)
+    elif config.metric == "mahalanobis":
+        noise = np.diagonal(seen.position, axis1=1, axis2=2).max(axis=0, initial=0.0)
+        spread = np.sqrt(np.diagonal(tracks.planar, axis1=1, axis2=2)[:, :2] + noise)
+        offset[:] = gate[:, None] * spread * (1.0 + ROUNDING)
+    return offset
+
+
+def _diagonal_m(box: F64) -> F64:
+    return np.hypot(box[:, 4], box[:, 5])
+
+
+def mahalanobis_cost(
+    seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig
+) -> tuple[F64, F64]:
+    """Distance sqrt(r' S^-1 r) and cost of each pair, (P,) twice.
+
+    S = H P H' + R is taken block by block: (x, y), the numbers of `config.components`, and where
+    a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or with `log_det`
+    d^2 + ln det S of the centre: a wide track then does not take what a sharp one explains better.
+    """
+    i, j = pairs
+    planar, offset = tracks.planar[j], seen.box[i, :2] - tracks.mean[j, :2]
+    inverse = inverse_2x2(planar[:, :2, :2] + seen.position[i])
+    squared = quadratic_2x2(inverse, offset) + _axial(seen, tracks, pairs, config)
+    if config.velocity:
+        squared = squared + _moving(seen, tracks, pairs, (offset, inverse))
+    distance = np.sqrt(squared)
+    if config.float32:
+        distance = distance.astype(np.float32).astype(np.float64)
+    if not config.log_det:
+        return distance, distance
+    return distance, squared - np.log(np.linalg.det(inverse))
+
+
+def _axial(seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig) -> F64:
+    """Sum of squared, normalised differences of z, yaw, l, w, h, as far as they count."""
+    i, j = pairs
+    compared = COMPARED[config.components]
+    difference = seen.box[i, 2:] - tracks.mean[j, 2:BOX_SIZE]
+    difference[:, YAW - 2] = heading_residual(difference[:, YAW - 2])
+    terms = difference**2 / (tracks.axial[j] + seen.axial[i])
+    return np.asarray(terms[:, compared].sum(axis=1))
+
+
+def _moving(seen: Detections, tracks: Predicted, pairs: Pairs, centre: tuple[F64, F64]) -> F64:
+    """What the velocity adds to d^2, given the centre; 0 where none was measured."""
+    added = np.zeros(len(pairs[0]))
+    measured = seen.moving[pairs[0]]
+    i, j = pairs[0][measured], pairs[1][measured]
+    offset, inverse = centre[0][measured], centre[1][measured]
+    planar = tracks.planar[j]
+    gain = planar[:, 2:, :2] @ inverse
+    spread = planar[:, 2:, 2:] + seen.velocity_covariance[i] - gain @ planar[:, :2, 2:]
+    surprise = seen.velocity[i] - tracks.mean[j, VELOCITY] - (gain @ offset[:, :, None])[:, :, 0]
+    added[measured] = quadratic_2x2(inverse_2x2(spread), surprise)
+    return added
+
+
+def centre_cost(
+    seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig
+) -> tuple[F64, F64]:
+    """Distance of the centres in metres, twice."""
+    distance = centre_distance_m(seen.box[:, :2], tracks.mean[:, :2], pairs)
+    return distance, distance
+
+
+def box_overlap_cost(
+    seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig
+) -> tuple[F64, F64]:
+    """1 - overlap, twice; `config.metric` names the overlap."""
+    # numba behind it: loaded only by those who compare overlaps
+    from mottrack.trackers.association.overlap import OVERLAPS, overlap_cost
+
+    columns = [0, 1, 2, 4, 5, 6, 3]
+    cost = overlap_cost(
+        seen.box[:, columns], tracks.mean[:, columns], pairs, OVERLAPS[config.metric]
+    )
+    return cost, cost
+
+
+def heading_residual(difference_rad: F64) -> F64:
+    """Difference of headings modulo pi, in [-pi/2, pi/2]: a box says little of front and rear."""
+    wrapped = wrap_angle(difference_rad)
+    return np.where(
+        wrapped > np.pi / 2,
+        wrapped - np.pi,
+        np.where(wrapped < -np.pi / 2, wrapped + np.pi, wrapped),
+    )
+
+
+COSTS: dict[str, PairCost] = {
+    "mahalanobis": mahalanobis_cost,
+    "centre": centre_cost,
+    "iou_bev": box_overlap_cost,
+    "iou_3d": box_overlap_cost,
+    "giou_bev": box_overlap_cost,
+    "giou_3d": box_overlap_cost,
+}
+"""Distance (against the gate) and cost (for the assignment) of pairs, by metric."""

@@ -1,0 +1,158 @@
+"""The tracker: predict, associate, correct, give birth, put out, bury."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.checks import as_stamp
+from mottrack.core.errors import InputError
+from mottrack.core.objects import Objects, Tracks
+from mottrack.core.pose import wrap_angle
+from mottrack.trackers.book import TrackBook, newborn
+from mottrack.trackers.kalman.block_bank import BlockBank
+from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.detections import Detections, read_detections
+from mottrack.trackers.kalman.matching import Predicted, match
+from mottrack.trackers.kalman.noise_table import NoiseTable
+from mottrack.trackers.kalman.pair_cost import heading_residual
+from mottrack.trackers.kalman.state import BOX_SIZE, CV_SIZE, SIZE, VELOCITY, YAW
+from mottrack.trackers.lifecycle import Life, record_hits
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+SMALLEST_SIZE_M = 0.01
+FLIP_LIMIT = 3
+
+
+class KalmanTracker:
+    """Tracks boxes of all classes in one batch (Chiu et al., 2020; PillarFlow, section IV-D).
+
+    A new tracker is made for each scene. The world frame, seconds and metres a second throughout;
+    the published presets count in frames inside and convert at the border.
+    """
+
+    Config = KalmanConfig
+
+    def __init__(self, config: KalmanConfig | None = None) -> None:
+        self.config = config or KalmanConfig()
+        self._table = NoiseTable(self.config.noise)
+        self._bank = BlockBank(wiener=self.config.noise.form == "wiener")
+        self._book = TrackBook.empty()
+        self._life = Life(self.config.life)
+        self._next_id = 1
+        self._stamp_ns: int | None = None
+
+    def step(self, stamp_ns: int, objects: Objects) -> Tracks:
+        """Advances to `stamp_ns` with this step's objects (world frame) and returns the tracks.
+
+        Raises:
+            InputError: the stamp is not later than the last one, or the objects are not in the
+                world frame; the tracker is then as it was.
+        """
+        elapsed_s = self._elapsed_s(stamp_ns)
+        unit_s = elapsed_s if self.config.time == "frames" else 1.0
+        seen = read_detections(objects, self.config, self._table, unit_s)
+        self._stamp_ns = stamp_ns
+        active = self._life.active(self._book.label, seen.label)
+        self._predict(active, elapsed_s / unit_s)
+        self._life.begin(self._book, seen.label, len(self._table.labels))
+        rows, columns = self._match(seen, np.flatnonzero(active))
+        self._correct(rows, columns, seen)
+        record_hits(self._book, rows, seen.score[columns], seen.source[columns], stamp_ns)
+        self._bear(np.setdiff1d(np.arange(len(seen)), columns), seen, stamp_ns)
+        tracks = self._put_out(self._life.shown(self._book, seen.label, stamp_ns), stamp_ns, unit_s)
+        self._bury(self._life.alive(self._book, stamp_ns))
+        return tracks
+
+    def _elapsed_s(self, stamp_ns: int) -> float:
+        stamp_ns = as_stamp("stamp_ns", stamp_ns)
+        if self._stamp_ns is None:
+            return self.config.frame_s if self.config.time == "frames" else 1.0
+        if stamp_ns <= self._stamp_ns:
+            raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
+        return (stamp_ns - self._stamp_ns) * 1e-9
+
+    def _predict(self, active: NDArray[np.bool_], duration: float) -> None:
+        bank = self._bank
+        bank.predict(np.where(active, duration, 0.0), self._table.rows(self._book.label).process)
+        bank.mean[:, YAW] = wrap_angle(bank.mean[:, YAW])
+        bank.mean[:, SIZE] = np.maximum(bank.mean[:, SIZE], SMALLEST_SIZE_M)
+
+    def _match(self, seen: Detections, active: I64) -> tuple[I64, I64]:
+        bank = self._bank
+        tracks = Predicted(
+            bank.mean, bank.planar_covariance(), bank.axial_variance(), self._book.label
+        )
+        rows, columns = match(seen, tracks.select(active), self.config, self._table.labels)
+        return active[rows], columns
+
+    def _correct(self, rows: I64, columns: I64, seen: Detections) -> None:
+        """Kalman update of matched tracks by the box, then by the velocity where measured."""
+        bank = self._bank
+        residual = seen.box[columns] - bank.mean[rows, :BOX_SIZE]
+        residual[:, YAW] = heading_residual(residual[:, YAW])
+        self._turn(rows, seen.box[columns, YAW])
+        bank.update_box(rows, residual, seen.position[columns], seen.axial[columns])
+        moving = seen.moving[columns]
+        self._correct_velocity(rows[moving], columns[moving], seen)
+        bank.mean[rows, YAW] = wrap_angle(bank.mean[rows, YAW])
+
+    def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
+        residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
+        self._bank.update_velocity(rows, residual, seen.velocity_covariance[columns])
+
+    def _turn(self, rows: I64, yaw_rad: F64) -> None:
+        """Turns tracks round whose heading the detections contradict: at once, or by vote."""
+        opposite = np.abs(wrap_angle(yaw_rad - self._bank.mean[rows, YAW])) > np.pi / 2
+        if self.config.yaw == "vote":
+            votes = self._book.flips[rows] + np.where(opposite, -1, 1)
+            opposite = votes < 0
+            self._book.flips[rows] = np.minimum(np.abs(votes), FLIP_LIMIT)
+        self._bank.mean[rows[opposite], YAW] += np.pi
+
+    def _bear(self, columns: I64, seen: Detections, stamp_ns: int) -> None:
+        """Starts a track at each unmatched detection that may start one."""
+        lowest = self.config.life.birth_score
+        if lowest is not None:
+            columns = columns[seen.score[columns] >= lowest]
+        new = seen.select(columns)
+        initial = self._table.rows(new.label).initial[:, :CV_SIZE]
+        taken = new.moving & (self.config.velocity.birth == "replace")
+        mean = np.hstack([new.box, np.zeros((len(new), CV_SIZE - BOX_SIZE))])
+        mean[taken, VELOCITY] = new.velocity[taken]
+        covariance = initial[:, VELOCITY, None] * np.eye(2)
+        covariance[taken] = new.velocity_covariance[taken]
+        first = len(self._bank)
+        self._bank.append(mean, initial, covariance)
+        weighed = np.flatnonzero(new.moving & ~taken)
+        self._correct_velocity(first + weighed, weighed, new)
+        book = newborn(self._next_id, new.label, new.score, stamp_ns)
+        book.source[:] = new.source
+        self._book.append(book)
+        self._next_id += len(new)
+
+    def _put_out(self, shown: NDArray[np.bool_], stamp_ns: int, unit_s: float) -> Tracks:
+        book, mean = self._book, self._bank.mean[shown]
+        source, covariance = book.source[shown], self._bank.covariance[shown]
+        return Tracks(
+            stamp_ns=stamp_ns,
+            frame="world",
+            centre_m=mean[:, :3],
+            size_m=np.maximum(mean[:, SIZE], SMALLEST_SIZE_M),
+            yaw_rad=mean[:, YAW],
+            label=np.array(self._table.labels)[book.label[shown]],
+            id=book.id[shown],
+            score=self._life.score(book, stamp_ns)[shown],
+            velocity_mps=mean[:, VELOCITY] / unit_s,
+            velocity_covariance_m2ps2=covariance[:, VELOCITY, VELOCITY] / unit_s**2,
+            state=mean,
+            covariance=covariance,
+            observed=source >= 0,
+        )
+
+    def _bury(self, alive: NDArray[np.bool_]) -> None:
+        if not alive.all():
+            self._bank.keep(alive)
+            self._book.keep(alive)

@@ -1,0 +1,33 @@
+"""Non-maximum suppression of detections, before tracking."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.geometry.iou import bev_iou
+from mottrack.trackers.association.candidates import candidate_pairs, runs
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I64:
+    """Rows (sorted) of the boxes that no better box of their group covers.
+
+    boxes (N, 7) are x, y, z, l, w, h, yaw; score (N,); group (N,): only boxes of one group
+    suppress each other. From the best score down (ties: the earlier row), a box goes if its BeV
+    IoU with a box that stays is above `iou`.
+    """
+    order = np.argsort(-score, kind="stable")
+    ranked = boxes[order]
+    diagonal = np.hypot(ranked[:, 3], ranked[:, 4])
+    reach = 0.5 * (diagonal + diagonal.max(initial=0.0))
+    better, worse = candidate_pairs(ranked[:, :2], ranked[:, :2], reach, (group[order],) * 2)
+    later = better < worse
+    better, worse = better[later], worse[later]
+    alive = np.ones(len(order), bool)
+    for start, stop in runs(better):
+        row = better[start]
+        if alive[row]:
+            rivals = worse[start:stop]
+            alive[rivals] &= bev_iou(ranked[row : row + 1], ranked[rivals])[0] <= iou
+    return np.asarray(np.sort(order[alive]))
