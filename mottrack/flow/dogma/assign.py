@@ -1,0 +1,58 @@
+"""Assignment of particles to grid cells by a counting sort."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mottrack.flow.dogma.particles import Particles
+from mottrack.flow.dogma.window import Window
+from mottrack.flow.dogma.workers import Span, Workers
+
+
+class Assignment(NamedTuple):
+    """Which particles lie in which cell; cell = row * cols + col."""
+
+    order: NDArray[np.int32]
+    """(N,) particle indices sorted by cell, ascending within a cell; those outside come last."""
+    start: NDArray[np.int32]
+    """(cells + 1,) `order[start[c]:start[c + 1]]` are the particles of cell c."""
+
+
+def assign(particles: Particles, window: Window, workers: Workers) -> Assignment:
+    """Sorts the particles by cell; a stable sort, so the order does not depend on threads."""
+    count = len(particles.x_m)
+    cell = np.empty(count, np.int32)
+    workers.run(_cells, count, particles, window, cell)
+    order = np.empty(count, np.int32)
+    start = _sort(cell, window.rows * window.cols, order)
+    return Assignment(order, start)
+
+
+@njit(cache=True, nogil=True)
+def _cells(span: Span, particles: Particles, window: Window, cell: NDArray[np.int32]) -> None:
+    outside = window.rows * window.cols
+    per_m = np.float32(1.0 / window.cell_m)
+    for i in range(span[0], span[1]):
+        col = int(np.floor(particles.x_m[i] * per_m))
+        row = int(np.floor(particles.y_m[i] * per_m))
+        inside = (col >= 0) & (col < window.cols) & (row >= 0) & (row < window.rows)
+        cell[i] = row * window.cols + col if inside else outside
+
+
+@njit(cache=True, nogil=True)
+def _sort(cell: NDArray[np.int32], cells: int, order: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Start of every cell; fills `order`. Particles outside have the cell number `cells`."""
+    fill = np.zeros(cells + 2, np.int32)
+    for i in range(len(cell)):
+        fill[cell[i] + 1] += 1
+    for c in range(cells + 1):
+        fill[c + 1] += fill[c]
+    start = fill[: cells + 1].copy()
+    for i in range(len(cell)):
+        order[fill[cell[i]]] = i
+        fill[cell[i]] += 1
+    return start

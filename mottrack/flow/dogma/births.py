@@ -1,0 +1,100 @@
+"""New-born particles: where occupancy appeared, at rest, slow or fast."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.flow.dogma.noise import draw, normal_level, uniform, uniform_level
+from mottrack.flow.dogma.particles import Particles
+from mottrack.flow.dogma.window import Window
+from mottrack.flow.dogma.workers import Span, Workers
+
+
+class BirthConfig(StrictModel):
+    """Velocity of new-born particles: at rest, or one of two zero-mean normal distributions."""
+
+    rest_share: float = Field(0.4, ge=0, le=1, description="share of particles at rest")
+    slow_share: float = Field(0.2, ge=0, le=1, description="share of slow particles")
+    slow_mps: float = Field(1.0, ge=0, description="standard deviation per axis, slow particles")
+    fast_mps: float = Field(12.0, ge=0, description="standard deviation per axis, fast particles")
+
+
+class VelocityPrior(NamedTuple):
+    """`BirthConfig` as the kernel takes it."""
+
+    rest: np.float32
+    """Share at rest."""
+    slow: np.float32
+    """Share at rest or slow."""
+    slow_mps: np.float32
+    fast_mps: np.float32
+
+    @classmethod
+    def of(cls, config: BirthConfig) -> VelocityPrior:
+        """The prior of a configuration."""
+        slow = config.rest_share + config.slow_share
+        values = (config.rest_share, slow, config.slow_mps, config.fast_mps)
+        return cls(*(np.float32(value) for value in values))
+
+
+class Births(NamedTuple):
+    """New-born particles sorted by cell."""
+
+    start: NDArray[np.int64]
+    """(cells + 1,) particles `start[c]:start[c + 1]` are born in cell c."""
+    mass_each: float
+    """Share of the born mass that each one carries."""
+
+
+def allot(born: NDArray[np.float32], count: int, key: np.uint64) -> Births:
+    """Shares `count` particles among the cells in proportion to the born mass (rows, cols).
+
+    Systematic: a cell gets its exact share rounded up or down, by one random number for all.
+    """
+    reached = np.cumsum(born.ravel(), dtype=np.float64)
+    total = reached[-1]
+    start = np.zeros(len(reached) + 1, np.int64)
+    if total <= 0:
+        return Births(start, 0.0)
+    start[1:] = np.floor(reached * (count / total) + uniform(key))
+    start[-1] = count
+    np.minimum(start, count, out=start)
+    return Births(start, float(total / count))
+
+
+def give_birth(
+    births: Births, window: Window, prior: VelocityPrior, key: np.uint64, workers: Workers
+) -> Particles:
+    """Particles uniform in their cell, with velocities drawn from the prior."""
+    born = Particles.empty(int(births.start[-1]))
+    workers.run(_spread, len(births.start) - 1, births.start, window, (prior, key), born)
+    return born
+
+
+@njit(cache=True, nogil=True)
+def _spread(
+    cells: Span,
+    start: NDArray[np.int64],
+    window: Window,
+    source: tuple[VelocityPrior, np.uint64],
+    born: Particles,
+) -> None:
+    prior, key = source
+    cell_m = np.float32(window.cell_m)
+    for cell in range(cells[0], cells[1]):
+        row, col = cell // window.cols, cell % window.cols
+        for i in range(start[cell], start[cell + 1]):
+            bits = draw(key, np.uint64(i))
+            pick = uniform_level(bits, 2)
+            spread_mps = prior.slow_mps if pick < prior.slow else prior.fast_mps
+            spread_mps = np.float32(0) if pick < prior.rest else spread_mps
+            born.x_m[i] = (col + uniform_level(bits, 0)) * cell_m
+            born.y_m[i] = (row + uniform_level(bits, 1)) * cell_m
+            born.vx_mps[i] = spread_mps * normal_level(bits, 3)
+            born.vy_mps[i] = spread_mps * normal_level(bits, 4)

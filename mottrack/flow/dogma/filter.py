@@ -1,0 +1,142 @@
+"""The recursive filter: one cycle of the dynamic occupancy grid map, step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.core.errors import InputError
+from mottrack.flow.dogma.assign import assign
+from mottrack.flow.dogma.births import BirthConfig, VelocityPrior, allot, give_birth
+from mottrack.flow.dogma.measurement_grid import MeasurementGrid
+from mottrack.flow.dogma.moments import Moments, velocity_moments
+from mottrack.flow.dogma.noise import stream, uniform
+from mottrack.flow.dogma.occupancy import (
+    Masses,
+    OccupancyConfig,
+    Split,
+    kept_over,
+    predict_masses,
+    split_masses,
+    update_masses,
+)
+from mottrack.flow.dogma.particles import Particles
+from mottrack.flow.dogma.predict import Motion, MotionConfig, predict, survival_over
+from mottrack.flow.dogma.resample import Candidates, resample
+from mottrack.flow.dogma.window import Window, moved
+from mottrack.flow.dogma.workers import Workers
+
+_PREDICT, _ALLOT, _BIRTH, _RESAMPLE = range(4)
+"""Stages that draw random numbers."""
+
+
+class FilterConfig(StrictModel):
+    """The filter's parameters; the symbols of the paper are in the descriptions."""
+
+    particles: int = Field(300_000, ge=1, description="persistent particles, nu")
+    births: int = Field(30_000, ge=1, description="new-born particles per cycle, nu_b")
+    motion: MotionConfig = MotionConfig()
+    occupancy: OccupancyConfig = OccupancyConfig()
+    birth: BirthConfig = BirthConfig()
+    seed: int = Field(0, ge=0, description="seed of all random numbers")
+
+
+@dataclass(frozen=True)
+class GridMap:
+    """The dynamic occupancy grid map after one cycle, in world axes."""
+
+    window: Window
+    masses: Masses
+    """Posterior mass of occupied and free."""
+    split: Split
+    """Occupied mass by origin; the velocity speaks for the persistent part."""
+    moments: Moments
+    """Velocity of the persistent mass."""
+
+
+class DynamicGridFilter:
+    """Particles and free mass on a window that may move by whole cells between cycles."""
+
+    def __init__(self, config: FilterConfig, workers: Workers) -> None:
+        self.config = config
+        self._workers = workers
+        self._particles = Particles.empty(config.particles)
+        self._spare = Particles.empty(config.particles)
+        self._mass_each = 0.0
+        self._window: Window | None = None
+        self._free = np.zeros((0, 0), np.float32)
+        self._cycle = 0
+
+    @property
+    def particles(self) -> Particles:
+        """The resampled particles; overwritten by the next cycle but one."""
+        return self._particles
+
+    @property
+    def mass_each(self) -> float:
+        """Occupied mass that each particle stands for."""
+        return self._mass_each
+
+    def step(self, measured: MeasurementGrid, window: Window, dt_s: float) -> GridMap:
+        """Advances by `dt_s` seconds to a measurement on `window`.
+
+        Raises:
+            InputError: `dt_s` is not positive, the measurement has another shape than the window,
+                or the window has another size than before.
+        """
+        self._check(measured, window, dt_s)
+        self._follow(window, dt_s)
+        assignment = assign(self._particles, window, self._workers)
+        count = np.diff(assignment.start).reshape(window.shape).astype(np.float32)
+        prior = predict_masses(
+            count,
+            survival_over(dt_s, self.config.motion) * self._mass_each,
+            self._free,
+            kept_over(dt_s, self.config.occupancy),
+        )
+        posterior = update_masses(prior, measured)
+        split = split_masses(prior, posterior, self.config.occupancy)
+        births = allot(split.born, self.config.births, self._key(_ALLOT))
+        born = give_birth(
+            births, window, VelocityPrior.of(self.config.birth), self._key(_BIRTH), self._workers
+        )
+        moments = velocity_moments(self._particles, assignment, window.shape, self._workers)
+        self._mass_each = resample(
+            Candidates(self._particles, assignment, born, births),
+            split.persistent,
+            uniform(self._key(_RESAMPLE)),
+            self._spare,
+            self._workers,
+        )
+        self._particles, self._spare = self._spare, self._particles
+        self._free = posterior.free
+        self._cycle += 1
+        return GridMap(window, posterior, split, moments)
+
+    def _follow(self, window: Window, dt_s: float) -> None:
+        """Predicts the particles and moves everything to the new window."""
+        previous = self._window or window
+        rows, cols = previous.offset_to(window)
+        shift_m = (-cols * window.cell_m, -rows * window.cell_m)
+        motion = Motion.over(dt_s, shift_m, self.config.motion)
+        count = self.config.particles
+        self._workers.run(predict, count, self._particles, motion, self._key(_PREDICT))
+        if self._window is None:
+            self._free = np.zeros(window.shape, np.float32)
+        self._free = moved(self._free, (rows, cols))
+        self._window = window
+
+    def _key(self, stage: int) -> np.uint64:
+        return stream(self.config.seed, self._cycle, stage)
+
+    def _check(self, measured: MeasurementGrid, window: Window, dt_s: float) -> None:
+        if not (np.isfinite(dt_s) and dt_s > 0):
+            raise InputError("dt_s", dt_s, "a positive number of seconds")
+        if measured.occupied.shape != window.shape or measured.free.shape != window.shape:
+            raise InputError("shape of measured", measured.occupied.shape, f"{window.shape}")
+        before = self._window
+        if before is not None and (before.shape, before.cell_m) != (window.shape, window.cell_m):
+            raise InputError("window", window, f"{before.shape} cells of {before.cell_m} m")

@@ -1,0 +1,68 @@
+"""Random numbers by counter: the same for any number of threads.
+
+Each particle draws from a hash of (seed, cycle, stage, index), so no generator has a state that
+threads would have to share.
+"""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX_2 = np.uint64(0x94D049BB133111EB)
+_SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
+_LEVEL_BITS = np.uint64(12)
+_LEVEL_MASK = np.uint64(0xFFF)
+_UNIFORM_STEP = np.float32(1.0 / 4096.0)
+_HALF = np.float32(0.5)
+
+
+def _normal_levels() -> NDArray[np.float32]:
+    """4096 equally likely values of the standard normal, scaled to variance one."""
+    quantiles = [NormalDist().inv_cdf((k + 0.5) / 4096) for k in range(4096)]
+    levels = np.array(quantiles)
+    return (levels / levels.std()).astype(np.float32)
+
+
+_NORMAL = _normal_levels()
+
+
+def stream(seed: int, cycle: int, stage: int) -> np.uint64:
+    """The key of one stage of one cycle of the filter."""
+    key = np.array([seed, cycle, stage], dtype=np.uint64)
+    mixed = np.uint64(0)
+    for part in key:
+        mixed = np.uint64(draw(mixed, part))
+    return mixed
+
+
+def uniform(key: np.uint64) -> float:
+    """One number in [0, 1) for a whole stage."""
+    return float(np.uint64(draw(key, np.uint64(0))) >> np.uint64(11)) * 2.0**-53
+
+
+@njit(cache=True, nogil=True)
+def draw(key: np.uint64, counter: np.uint64) -> np.uint64:
+    """64 random bits of (key, counter): the finaliser of SplitMix64 (Steele et al. 2014)."""
+    z = key + (np.uint64(counter) + np.uint64(1)) * _GOLDEN
+    z = (z ^ (z >> _SHIFT_1)) * _MIX_1
+    z = (z ^ (z >> _SHIFT_2)) * _MIX_2
+    return z ^ (z >> _SHIFT_3)
+
+
+@njit(cache=True, nogil=True)
+def normal_level(bits: np.uint64, slot: int) -> np.float32:
+    """Standard normal from the 12 bits of `slot` 0..4, by a table of quantiles."""
+    return _NORMAL[(bits >> (np.uint64(slot) * _LEVEL_BITS)) & _LEVEL_MASK]
+
+
+@njit(cache=True, nogil=True)
+def uniform_level(bits: np.uint64, slot: int) -> np.float32:
+    """Uniform in (0, 1) from the 12 bits of `slot` 0..4."""
+    level = (bits >> (np.uint64(slot) * _LEVEL_BITS)) & _LEVEL_MASK
+    return (np.float32(level) + _HALF) * _UNIFORM_STEP

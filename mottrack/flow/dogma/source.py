@@ -1,0 +1,147 @@
+"""`flow=dogma`: velocities from the dynamic occupancy grid map."""
+
+from __future__ import annotations
+
+import math
+import os
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.core.errors import InputError
+from mottrack.core.grid import BevGrid
+from mottrack.core.motion import FlowField
+from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, View, flow_field, is_moving
+from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
+from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
+from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
+from mottrack.flow.dogma.returns import OBSTACLE, returns_of
+from mottrack.flow.dogma.window import Window
+from mottrack.flow.dogma.workers import Workers
+from mottrack.flow.kept_points import GroundStage
+
+
+class ContinuityConfig(StrictModel):
+    """What still counts as the same scene."""
+
+    longest_gap_s: float = Field(1.0, gt=0, description="longest time between two sweeps")
+    fastest_ego_mps: float = Field(80.0, gt=0, description="a faster ego vehicle has jumped")
+    on_jump: Literal["refuse", "restart"] = Field(
+        "refuse", description="whether a jump is an error or begins a new map"
+    )
+
+
+class DogmaFlow:
+    """The recursive rival of two-frame flow: a particle filter that lives through a scene.
+
+    Raises:
+        InputError: see `estimate`.
+    """
+
+    class Config(StrictModel):
+        """Parameters of every stage; the defaults are for 10 Hz sweeps and 0.25 m cells."""
+
+        ground: GroundStage = GroundStage()
+        sensor: SensorConfig = SensorConfig()
+        filter: FilterConfig = FilterConfig()
+        readout: ReadoutConfig = ReadoutConfig()
+        continuity: ContinuityConfig = ContinuityConfig()
+        threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
+
+    def __init__(self, config: Config | None = None, *, grid: BevGrid | None = None) -> None:
+        self.config = config or self.Config()
+        self.grid = grid or BevGrid()
+        self._workers = Workers(min(self.config.threads, os.cpu_count() or 1))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the map: a new scene begins."""
+        self._filter = DynamicGridFilter(self.config.filter, self._workers)
+        self._last: Sweep | None = None
+        self._map: GridMap | None = None
+
+    @property
+    def grid_map(self) -> GridMap | None:
+        """The map after the last sweep, in world axes; None before the first."""
+        return self._map
+
+    def moving(self) -> NDArray[np.bool_] | None:
+        """(rows, cols) of `grid_map`: the cells that the Mahalanobis test calls moving."""
+        return None if self._map is None else is_moving(self._map, self.config.readout)
+
+    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+        """The field at `current`, after all sweeps given since `reset`.
+
+        Sweeps that the filter has not seen yet are taken in, `previous` before `current`, so a
+        scene may be fed as overlapping pairs.
+
+        Raises:
+            InputError: `current` is not later than `previous` and than every sweep before, or
+                time or the ego vehicle jumps by more than `continuity` allows.
+        """
+        if current.stamp_ns <= previous.stamp_ns:
+            raise InputError(
+                "current.stamp_ns", current.stamp_ns, f"> {previous.stamp_ns}, the previous sweep's"
+            )
+        if self._last is None or previous.stamp_ns > self._last.stamp_ns:
+            self._take_in(previous)
+        return self._take_in(current)
+
+    def _take_in(self, sweep: Sweep) -> FlowField:
+        """One cycle: sweep -> returns -> measurement grid -> filter -> flow field."""
+        dt_s = self._elapsed_s(sweep)
+        returns, used = returns_of(sweep, self.config.ground)
+        window = self._window(sweep)
+        measured = measure(returns, window, self.config.sensor, self._workers)
+        self._map = self._filter.step(measured, window, dt_s)
+        self._last = sweep
+        obstacle = returns.kind == OBSTACLE
+        points = ObstaclePoints(
+            ego_m=sweep.xyz_m[used][obstacle, :2],
+            window_m=returns.xy_m[obstacle] + (returns.centre_m - window.corner_m),
+        )
+        view = View(self.grid, sweep.world_T_ego.yaw_rad, sweep.stamp_ns)
+        return flow_field(self._map, points, view, self.config.readout)
+
+    def _window(self, sweep: Sweep) -> Window:
+        """A square around the vehicle that reaches as far as the ego grid's farthest side."""
+        grid = self.grid
+        reach_m = max(abs(grid.x_min_m), abs(grid.x_max_m), abs(grid.y_min_m), abs(grid.y_max_m))
+        x_m, y_m = sweep.world_T_ego.translation_m[:2]
+        return Window.around(x_m, y_m, 2 * math.ceil(reach_m / grid.cell_m), grid.cell_m)
+
+    def _elapsed_s(self, sweep: Sweep) -> float:
+        """Seconds since the last sweep; the reference period at the start of a scene.
+
+        Raises:
+            InputError: time or the ego vehicle jumps and jumps are refused; nothing has changed.
+        """
+        if self._last is None:
+            return REFERENCE_PERIOD_S
+        elapsed_s = seconds_between(self._last.stamp_ns, sweep.stamp_ns)
+        problem = self._jump(self._last, sweep, elapsed_s)
+        if problem is None:
+            return elapsed_s
+        if self.config.continuity.on_jump == "refuse":
+            raise problem
+        self.reset()
+        return REFERENCE_PERIOD_S
+
+    def _jump(self, last: Sweep, sweep: Sweep, elapsed_s: float) -> InputError | None:
+        """Why the sweep cannot continue the map, if it cannot."""
+        continuity = self.config.continuity
+        if elapsed_s <= 0:
+            return InputError("stamp_ns", sweep.stamp_ns, f"> {last.stamp_ns}, the last sweep's")
+        if elapsed_s > continuity.longest_gap_s:
+            expected = f"<= {continuity.longest_gap_s} s (call reset() between scenes)"
+            return InputError("time since the last sweep", f"{elapsed_s:.3f} s", expected)
+        moved_m = sweep.world_T_ego.translation_m - last.world_T_ego.translation_m
+        speed_mps = float(np.linalg.norm(moved_m)) / elapsed_s
+        if speed_mps > continuity.fastest_ego_mps:
+            expected = f"<= {continuity.fastest_ego_mps} m/s (call reset() between scenes)"
+            return InputError("speed of the ego vehicle", f"{speed_mps:.1f} m/s", expected)
+        return None

@@ -1,0 +1,38 @@
+"""Kernels run over slices of their work by a few threads.
+
+Every kernel writes only what belongs to its slice and draws its noise by index, so the result does
+not depend on how many threads there are. Plain threads (numba releases the interpreter) are safe
+beside process pools and other threads, where numba's own parallel regions are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+Span = tuple[int, int]
+"""First and one past the last index of a slice."""
+
+SLICES_PER_THREAD = 4
+"""Obstacles crowd in a few rows: smaller slices level the load."""
+
+
+class Workers:
+    """A fixed number of threads."""
+
+    def __init__(self, threads: int) -> None:
+        self._threads = threads
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def run(self, kernel: Callable[..., Any], length: int, *arguments: object) -> None:
+        """Calls `kernel(span, *arguments)` for spans that together cover [0, length)."""
+        if self._pool is None:
+            kernel((0, length), *arguments)
+            return
+        slices = self._threads * SLICES_PER_THREAD
+        bounds = [length * k // slices for k in range(slices + 1)]
+        spans = pairwise(bounds)
+        for done in [self._pool.submit(kernel, span, *arguments) for span in spans]:
+            done.result()
