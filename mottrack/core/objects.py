@@ -8,7 +8,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.checks import as_array, as_stamp, require_all, require_finite
+from mottrack.core.checks import (
+    as_array,
+    as_stamp,
+    require_all,
+    require_covariance,
+    require_finite,
+)
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.pose import Pose, rotation_2d, wrap_angle
@@ -109,10 +115,23 @@ class Objects(Boxes):
     """Measured velocities in the axes of ``frame``; None where no source was asked."""
     hull: Hulls | None = None
     """For clusters: per object (K, 2) corners of the convex hull, counter-clockwise."""
+    position_covariance_m2: NDArray[np.float64] | None = None
+    """(N, 2, 2) covariance of the error of ``centre_m`` in x, y; None where the source has none."""
+    num_points: NDArray[np.int64] | None = None
+    """(N,) LiDAR returns on the object; None where not counted."""
 
     def __post_init__(self) -> None:
         # zero-argument super() does not work in a dataclass with slots
         Boxes.__post_init__(self)
+        if self.position_covariance_m2 is not None:
+            spread = as_array(
+                "position_covariance_m2", self.position_covariance_m2, np.float64, (len(self), 2, 2)
+            )
+            require_covariance("position_covariance_m2", spread)
+            object.__setattr__(self, "position_covariance_m2", spread)
+        if self.num_points is not None:
+            counted = as_array("num_points", self.num_points, np.int64, (len(self),))
+            object.__setattr__(self, "num_points", counted)
         if self.velocity is not None and len(self.velocity) != len(self):
             raise InputError("length of velocity", len(self.velocity), str(len(self)))
         object.__setattr__(self, "hull", _checked_hull(self.hull, len(self)))
@@ -130,6 +149,9 @@ class Objects(Boxes):
         changes = Boxes._moved(self, b_T_a)
         if self.velocity is not None:
             changes["velocity"] = self.velocity.rotated(b_T_a.yaw_rad)
+        if self.position_covariance_m2 is not None:
+            r = rotation_2d(b_T_a.yaw_rad)
+            changes["position_covariance_m2"] = r @ self.position_covariance_m2 @ r.T
         return changes | {"hull": _moved_hull(self.hull, self.centre_m, b_T_a)}
 
 
