@@ -22,6 +22,7 @@ from mottrack.core.motion import FlowField, VelocityMeasurement
 from mottrack.core.objects import Boxes, Objects, Tracks, Truth
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
+from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import Sweep
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 
@@ -46,6 +47,7 @@ __all__ = [
     "ResultError",
     "Scene",
     "SceneResult",
+    "Snapshot",
     "Sweep",
     "TrackTable",
     "Tracker",

@@ -58,7 +58,7 @@ class FlowJudge:
             key_index: row of the frame in the scene's FrameTable.
         """
         previous, current = pair
-        if frame.truth is None:
+        if frame.truth is None or not self.enabled:
             return
         true_field = self.truth_flow.estimate(previous, current)
         known = field.occupied & true_field.valid

@@ -12,9 +12,11 @@ from mottrack.core.interfaces import FlowSource, FrameObserver, ObjectSource, Sc
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.result import SceneResult
+from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import Sweep
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.objects.velocity import VelocityConfig, measure_velocity
+from mottrack.pipeline.album import Album
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.flow_judge import FlowJudge
 from mottrack.pipeline.stopwatch import Stopwatch
@@ -89,9 +91,17 @@ def needs_sweeps(part: object) -> bool:
     return bool(getattr(part, "needs_sweeps", True))
 
 
+@dataclass(frozen=True)
+class SceneRun:
+    """What running a scene leaves behind."""
+
+    result: SceneResult
+    snapshots: list[Snapshot]
+
+
 def run_scene(
     experiment: Experiment, scene: Scene, on_frame: OnFrame = lambda done, total: None
-) -> SceneResult:
+) -> SceneRun:
     """Runs one scene from first frame to last.
 
     Args:
@@ -104,6 +114,7 @@ def run_scene(
     """
     stages = Stages.of(experiment)
     judge = FlowJudge.of(experiment.settings, has_sweeps=scene.has_sweeps)
+    album = Album.of(experiment.settings.snapshots, len(scene))
     reads = judge.enabled or needs_sweeps(stages.flow) or needs_sweeps(stages.objects)
     frames: list[Frame] = []
     steps: list[Tracks] = []
@@ -113,13 +124,15 @@ def run_scene(
         sweep, pair = stages.read(scene, index) if reads else (None, None)
         field = stages.estimate(frame, pair)
         if frame.is_key:
-            if judge.enabled and field is not None and pair is not None:
+            if field is not None and pair is not None:
                 judge.judge(frame, field, pair, len(frames))
+            album.take(index, len(frames), sweep, field)
             steps.append(stages.track(frame, sweep, field))
             frames.append(frame)
             stages.watch.next_frame()
         on_frame(index + 1, len(scene))
-    return _result(scene.name, frames, steps, judge.samples(), stages.watch)
+    result = _result(scene.name, frames, steps, judge.samples(), stages.watch)
+    return SceneRun(result, album.snapshots)
 
 
 def _result(

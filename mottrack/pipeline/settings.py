@@ -42,3 +42,6 @@ class Settings(StrictModel):
     flow_sample_limit: int = Field(
         default=4000, ge=1, description="cells a frame that are kept for the flow scores"
     )
+    snapshots: int = Field(
+        default=1, ge=0, description="key frames a scene whose points and flow are kept to draw"
+    )

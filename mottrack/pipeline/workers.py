@@ -113,6 +113,11 @@ def run_tasks(
 DIED = "its process died (killed, out of memory, or a crash in a library)"
 
 
+def available_cores() -> int:
+    """How many processes can work at once here."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _start(context: SpawnContext, work: Work, task: Task, attempt: int) -> _Worker:
     ours, theirs = context.Pipe()
     process = context.Process(target=_work_in_process, args=(theirs, work, task), daemon=True)

@@ -1,0 +1,36 @@
+"""The command line: each group of verbs is a module; heavy imports wait until they are used."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+
+import typer
+
+app = typer.Typer(
+    name="mottrack",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
+)
+for group in ("run", "eval", "data", "train", "noise"):
+    if find_spec(f"mottrack.cli.{group}"):
+        import_module(f"mottrack.cli.{group}").register(app)
+
+EXIT_USER_ERROR = 2
+
+
+def main() -> None:
+    """Runs a command; an error that the user can mend is one line and exit code 2."""
+    from mottrack.core.errors import MottrackError
+
+    try:
+        app()
+    except MottrackError as error:
+        sys.stderr.write(f"mottrack: {error}\n")
+        sys.exit(EXIT_USER_ERROR)
+    except BrokenPipeError:  # the reader of our output has gone: `mottrack ... | head`
+        sys.stderr.close()
+        sys.exit(EXIT_USER_ERROR)

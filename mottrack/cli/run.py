@@ -1,0 +1,71 @@
+"""``mottrack run``, ``compare``, ``demo`` and ``list``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXIT_SCENES_FAILED = 3
+
+Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
+Overrides = Annotated[
+    list[str] | None, typer.Argument(help="key=value ...; flow=zero,icp makes a sweep")
+]
+Out = Annotated[Path, typer.Option("--out", help="folder for results; may hold an earlier part")]
+Workers = Annotated[int, typer.Option("--workers", min=0, help="processes; 0: one a core")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands of this module."""
+    app.command("run")(run)
+    app.command("compare")(compare)
+    app.command("demo")(demo)
+    app.command("list")(list_parts)
+
+
+def run(config: Config, overrides: Overrides = None, *, out: Out, workers: Workers = 0) -> None:
+    """Track every scene of an experiment and score it; a sweep runs every combination."""
+    _run(config, overrides or [], out, workers)
+
+
+def compare(config: Config, overrides: Overrides = None, *, out: Out, workers: Workers = 0) -> None:
+    """Run several flow sources and trackers, and say in one table what each was worth."""
+    _run(config, overrides or [], out, workers)
+
+
+def demo(
+    *, out: Out = Path("out/demo"), workers: Workers = 0, quick: bool = typer.Option(False)
+) -> None:
+    """Compare flow sources on the embedded world, which needs no download, and write a report."""
+    quick_overrides = ["dataset.scenes=1", "dataset.duration_s=4"] if quick else []
+    _run("demo", quick_overrides, out, workers)
+
+
+def list_parts(
+    what: Annotated[str, typer.Argument(help="flows, trackers, datasets, objects or metrics")],
+) -> None:
+    """List the parts that a configuration can name."""
+    from mottrack.core.errors import unknown_name
+    from mottrack.pipeline.catalogue import catalogue
+
+    tables = catalogue()
+    if what not in tables:
+        raise unknown_name("list", what, tables)
+    width = max(len(name) for name in tables[what])
+    for name, summary in tables[what].items():
+        typer.echo(f"{name:{width}}  {summary}")
+
+
+def _run(config: str, overrides: list[str], out: Path, workers: int) -> None:
+    from mottrack.pipeline.comparison import run_comparison
+    from mottrack.pipeline.experiment import load_experiments
+    from mottrack.pipeline.terminal import TerminalProgress, print_comparison
+
+    experiments = load_experiments(config, overrides)
+    with TerminalProgress() as progress:
+        comparison = run_comparison(experiments, out, workers=workers, progress=progress)
+    print_comparison(comparison)
+    if comparison.failed:
+        raise typer.Exit(EXIT_SCENES_FAILED)

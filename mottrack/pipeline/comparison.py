@@ -1,0 +1,105 @@
+"""Runs one experiment or a sweep of them, scores each, and keeps all figures in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mottrack.core.result import SceneResult
+from mottrack.core.storage import write_text
+from mottrack.eval.scores import Scores, score
+from mottrack.pipeline.experiment import Experiment
+from mottrack.pipeline.run_folder import RunFolder
+from mottrack.pipeline.runner import RunReport, run_experiment
+from mottrack.pipeline.workers import Progress, available_cores
+
+
+@dataclass(frozen=True)
+class ScoredRun:
+    """One experiment of a comparison: where it is, how it went and what it was worth."""
+
+    experiment: Experiment
+    folder: RunFolder
+    report: RunReport
+    scores: Scores
+    stage_ms: dict[str, float]
+    """Mean wall time of each stage per key frame, milliseconds."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for scores.json."""
+        parts = {g: getattr(self.experiment, g).kind for g in PARTS}
+        return {
+            "variant": self.experiment.variant,
+            **parts,
+            "config_hash": self.experiment.hash,
+            "scenes": list(self.report.finished),
+            "failed": self.report.failed,
+            "stage_ms": self.stage_ms,
+            "metrics": self.scores.as_dict(),
+        }
+
+
+PARTS = ("dataset", "objects", "flow", "tracker")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All runs of a sweep, in its order."""
+
+    runs: tuple[ScoredRun, ...]
+    out: Path
+
+    @property
+    def failed(self) -> dict[str, str]:
+        """``variant/scene`` of every failed scene, and why."""
+        return {
+            "/".join(filter(None, (run.experiment.variant, scene))): reason
+            for run in self.runs
+            for scene, reason in run.report.failed.items()
+        }
+
+
+def run_comparison(
+    experiments: Sequence[Experiment], out: Path, *, workers: int, progress: Progress
+) -> Comparison:
+    """Runs and scores every experiment; writes ``scores.json`` beside their results.
+
+    Args:
+        experiments: a sweep; a single one keeps its results in ``out`` itself, several in
+            ``out/<variant>``.
+        out: folder for results.
+        workers: processes; 0 means one a core.
+        progress: is told how the work goes on.
+
+    Raises:
+        MottrackError: the configuration does not fit the data or the folder.
+    """
+    runs = []
+    for experiment in experiments:
+        folder = RunFolder(out / experiment.variant if len(experiments) > 1 else out)
+        report = run_experiment(
+            experiment, folder, workers=workers or available_cores(), progress=progress
+        )
+        runs.append(_scored(experiment, folder, report))
+    comparison = Comparison(tuple(runs), out)
+    figures = {"runs": [run.as_dict() for run in runs]}
+    write_text(out / "scores.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
+    return comparison
+
+
+def _scored(experiment: Experiment, folder: RunFolder, report: RunReport) -> ScoredRun:
+    results = [folder.load(scene) for scene in report.finished]
+    scores = score(results, experiment.settings.scores)
+    return ScoredRun(experiment, folder, report, scores, _stage_ms(results))
+
+
+def _stage_ms(results: Sequence[SceneResult]) -> dict[str, float]:
+    stages = dict.fromkeys(stage for result in results for stage in result.timings_s)
+    frames = max(sum(len(result.frames) for result in results), 1)
+    totals = {s: sum(np.sum(r.timings_s.get(s, 0.0)) for r in results) for s in stages}
+    return {stage: 1e3 * float(total) / frames for stage, total in totals.items()}
