@@ -1,0 +1,109 @@
+"""Boxes and samples of many scenes as flat arrays."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Key frames of S scenes; row k of scene s is its k-th sample in time."""
+
+    scene_name: NDArray[np.str_]
+    """(S,)"""
+    first: I64
+    """(S + 1,) first sample of each scene, and the end."""
+    token: NDArray[np.str_]
+    """(N,) sample token."""
+    stamp_us: I64
+    """(N,) microseconds."""
+    ego_xy_m: F64
+    """(N, 2) ego position at the LiDAR key frame."""
+
+    @property
+    def scenes(self) -> int:
+        """Number of scenes."""
+        return len(self.scene_name)
+
+    def __len__(self) -> int:
+        return len(self.token)
+
+    def scene_of_sample(self) -> I64:
+        """(N,) scene of each sample."""
+        return np.repeat(np.arange(self.scenes), np.diff(self.first))
+
+
+@dataclass(frozen=True, slots=True)
+class BoxTable:
+    """N boxes; truth or predictions.
+
+    `sample` counts through all scenes. `track` numbers the (scene, id) pairs: one id in two scenes
+    is two tracks.
+    """
+
+    sample: I64
+    """(N,)"""
+    track: I64
+    """(N,)"""
+    label: NDArray[np.int8]
+    """(N,) index into the classes of the rules."""
+    centre_m: F64
+    """(N, 3) global frame."""
+    score: F64
+    """(N,) of the track, once prepared; -1 for truth."""
+    num_points: I64
+    """(N,) points in the box, -1 where not known."""
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    def select(self, index: NDArray[Any]) -> "BoxTable":
+        """The rows that a mask or index picks."""
+        return BoxTable(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def with_score(self, score: F64) -> "BoxTable":
+        """The same boxes with other scores."""
+        return replace(self, score=score)
+
+    @classmethod
+    def stacked(cls, *parts: "BoxTable") -> "BoxTable":
+        """One table with all rows."""
+        names = [f.name for f in fields(cls)]
+        return cls(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
+
+
+@dataclass(frozen=True, slots=True)
+class Racks:
+    """Bicycle racks, within which bicycles and motorcycles are not judged."""
+
+    sample: I64
+    """(R,)"""
+    centre_m: F64
+    """(R, 3)"""
+    size_m: F64
+    """(R, 3) width, length, height, as in the tables."""
+    rotation_wxyz: F64
+    """(R, 4)"""
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTruth:
+    """What predictions are compared with: samples, true boxes as annotated, racks."""
+
+    samples: Samples
+    boxes: BoxTable
+    racks: Racks
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """Truth and predictions after filter, score averaging and interpolation, by sample."""
+
+    samples: Samples
+    truth: BoxTable
+    tracks: BoxTable

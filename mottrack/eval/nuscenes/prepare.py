@@ -1,0 +1,142 @@
+"""From boxes as given to boxes as evaluated: filter, mean score of a track, gaps filled."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import InputError
+from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Racks, Samples
+from mottrack.eval.nuscenes.rules import RACKED_CLASSES, Rules
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared:
+    """Truth and predictions as the evaluation sees them.
+
+    Raises InputError if no true or no predicted box is left to evaluate.
+    """
+    left = []
+    for boxes, name in ((truth.boxes, "truth"), (predictions, "predictions")):
+        kept = boxes.select(kept_boxes(boxes, truth, rules))
+        if not len(kept):
+            why = f"{len(boxes)} boxes, none in range with points and a class that is evaluated"
+            raise InputError(name, why, "at least one box to evaluate")
+        left.append(kept.select(np.argsort(kept.sample, kind="stable")))
+    true_boxes, tracks = left
+    tracks = tracks.with_score(mean_scores(tracks))
+    return Prepared(
+        truth.samples,
+        fill_gaps(true_boxes, truth.samples, rules),
+        fill_gaps(tracks, truth.samples, rules),
+    )
+
+
+def kept_boxes(boxes: BoxTable, truth: GroundTruth, rules: Rules) -> Mask:
+    """(N,) boxes nearer to the ego than their class's range, with points, outside all racks."""
+    apart = boxes.centre_m[:, :2] - truth.samples.ego_xy_m[boxes.sample]
+    distance = np.sqrt((apart**2).sum(axis=1))
+    kept: Mask = distance < np.array(rules.ranges_m)[boxes.label]
+    kept &= boxes.num_points != 0
+    racked = [i for i, name in enumerate(rules.classes) if name in RACKED_CLASSES]
+    suspects = np.flatnonzero(kept & np.isin(boxes.label, racked))
+    kept[suspects[_in_rack(boxes.select(suspects), truth.racks)]] = False
+    return kept
+
+
+def _in_rack(boxes: BoxTable, racks: Racks) -> Mask:
+    """(N,) whether the centre lies in a rack of its sample, faces included."""
+    order = np.argsort(racks.sample, kind="stable")
+    first = np.searchsorted(racks.sample[order], boxes.sample, "left")
+    count = np.searchsorted(racks.sample[order], boxes.sample, "right") - first
+    box = np.repeat(np.arange(len(boxes)), count)
+    within = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
+    rack = order[first[box] + within]
+    corners = _corners(racks)[rack]
+    inside = np.ones(len(box), np.bool_)
+    offset = boxes.centre_m[box] - corners[:, 0]
+    for end in (1, 2, 3):
+        edge = corners[:, end] - corners[:, 0]
+        along = (edge * offset).sum(axis=1)
+        inside &= (along >= 0) & (along <= (edge * edge).sum(axis=1))
+    return np.bincount(box[inside], minlength=len(boxes)) > 0
+
+
+def _corners(racks: Racks) -> F64:
+    """(R, 4, 3) a corner of each rack and the corners next to it along its three edges."""
+    width, length, height = racks.size_m.T / 2
+    signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]])
+    local = signs[None] * np.stack([length, width, height], axis=1)[:, None]
+    turned: F64 = np.einsum("rij,rkj->rki", _rotations(racks.rotation_wxyz), local)
+    return turned + racks.centre_m[:, None]
+
+
+def _rotations(quaternion_wxyz: F64) -> F64:
+    """(R, 3, 3) rotation matrices."""
+    norm = np.linalg.norm(quaternion_wxyz, axis=1, keepdims=True)
+    w, x, y, z = (quaternion_wxyz / np.where(norm > 0, norm, 1.0)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def mean_scores(boxes: BoxTable) -> F64:
+    """(N,) each box's score replaced by the mean over its track, whatever the classes.
+
+    Thresholds are compared with these means, so they equal numpy's mean of a list of the scores in
+    order of time to the last bit: tracks of equal length are averaged together, row by row.
+    """
+    order = np.argsort(boxes.track, kind="stable")
+    track = boxes.track[order]
+    starts = np.flatnonzero(np.r_[True, track[1:] != track[:-1]])
+    lengths = np.diff(np.r_[starts, len(track)])
+    score = np.ascontiguousarray(boxes.score[order])
+    means = np.empty(len(starts))
+    for length in np.unique(lengths):
+        which = np.flatnonzero(lengths == length)
+        rows = score[starts[which][:, None] + np.arange(length)]
+        means[which] = np.mean(rows, axis=1)
+    out = np.empty(len(boxes))
+    out[order] = np.repeat(means, lengths)
+    return out
+
+
+def fill_gaps(boxes: BoxTable, samples: Samples, rules: Rules) -> BoxTable:
+    """Adds a box wherever a track misses samples between two of its boxes; sorts by sample.
+
+    Class and identity are those of the box after the gap. The weights are a share of time, either
+    swapped as in the official code or right (`Rules.interpolation`). In a sample the added boxes
+    follow the given ones, in the order in which their tracks first appear in the scene.
+    """
+    order = np.argsort(boxes.track, kind="stable")
+    track, sample = boxes.track[order], boxes.sample[order]
+    starts = np.flatnonzero(np.r_[True, track[1:] != track[:-1]])
+    appeared = np.repeat(order[starts], np.diff(np.r_[starts, len(track)]))
+    before = np.flatnonzero((track[1:] == track[:-1]) & (np.diff(sample) > 1))
+    missing = sample[before + 1] - sample[before] - 1
+    gap = np.repeat(before, missing)
+    step = np.arange(len(gap)) - np.repeat(np.cumsum(missing) - missing, missing) + 1
+    left, right = boxes.select(order[gap]), boxes.select(order[gap + 1])
+    added = _between(left, right, sample[gap] + step, samples, rules)
+    rank = np.r_[np.arange(len(boxes)), len(boxes) + appeared[gap]]
+    together = BoxTable.stacked(boxes, added)
+    return together.select(np.lexsort((rank, together.sample)))
+
+
+def _between(
+    left: BoxTable, right: BoxTable, sample: I64, samples: Samples, rules: Rules
+) -> BoxTable:
+    stamp = samples.stamp_us
+    span = stamp[right.sample] - stamp[left.sample]
+    since = stamp[right.sample] - stamp[sample]
+    if rules.interpolation == "fixed":
+        since = stamp[sample] - stamp[left.sample]
+    share = since / span
+    centre = (1.0 - share)[:, None] * left.centre_m + share[:, None] * right.centre_m
+    score = (1.0 - share) * left.score + share * right.score
+    unknown = np.full(len(sample), -1)
+    return BoxTable(sample, right.track, right.label, centre, score, unknown)
