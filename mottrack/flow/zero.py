@@ -1,0 +1,42 @@
+"""No flow: the baseline that measures nothing."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.core.grid import BevGrid
+from mottrack.core.motion import FlowField
+from mottrack.core.sweep import Sweep
+from mottrack.flow.elapsed import elapsed_seconds
+from mottrack.flow.kept_points import GroundStage, keep_points
+
+
+class ZeroConfig(StrictModel):
+    """Only which points occupy a cell."""
+
+    ground: GroundStage = Field(default_factory=GroundStage)
+
+
+class ZeroFlow:
+    """Marks the occupied cells and measures no velocity: the tracker runs on positions alone."""
+
+    Config = ZeroConfig
+    needs_sweeps = False
+
+    def __init__(self, config: ZeroConfig | None = None, *, grid: BevGrid | None = None) -> None:
+        self.config = config or ZeroConfig()
+        self.grid = grid or BevGrid()
+
+    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+        """The occupied cells of ``current``, none of them valid.
+
+        Raises:
+            InputError: ``current`` is not later than ``previous``.
+        """
+        elapsed_seconds(previous, current)
+        kept, _ = keep_points(current, self.config.ground)
+        return FlowField.unmeasured(self.grid, self.grid.occupancy(kept.xyz_m), current.stamp_ns)
+
+    def reset(self) -> None:
+        """Nothing to forget."""

@@ -1,0 +1,231 @@
+"""Ground by a RANSAC plane and the residual terrain around it.
+
+The plane is found on the low points of 1 m cells, so that it costs the same for any sweep, and it
+is the starting point of a local height: from the sensor outwards each cell's low point is ground
+if it continues the ground already found, which follows slopes, crowns and kerbs where one plane
+cannot. (The paper removes "points lying on a ground plane obtained with the RANSAC algorithm",
+section IV-B.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mottrack.config import StrictModel
+
+_LOWEST = 4
+"""Low points kept per cell, for the 5 % quantile of up to 60 points."""
+_LOW_SHARE = 0.05
+_WINDOW_CELLS = 2
+"""Half width of the window in which ground continues and its height is smoothed."""
+_JURY = 500
+"""Low points that judge the planes; the best plane is then fitted to all of them."""
+
+
+class GroundConfig(StrictModel):
+    """How ground is found; distances in metres."""
+
+    cell_m: float = Field(1.0, gt=0, description="cell whose low point stands for the ground")
+    reach_m: float = Field(70.0, gt=0, description="half width of the square that is looked at")
+    fit_range_m: float = Field(30.0, gt=0, description="cells farther than this do not vote")
+    inlier_m: float = Field(0.15, gt=0, description="a cell this close to a plane supports it")
+    max_slope: float = Field(0.15, gt=0, description="steepest plane relative to the ego frame")
+    continues_m: float = Field(0.25, gt=0, description="step at which a cell continues the ground")
+    thickness_m: float = Field(0.3, gt=0, description="points lower than this are ground")
+    hypotheses: int = Field(200, ge=1, description="planes tried")
+    seed: int = Field(0, ge=0, description="seed of the three-point samples")
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The ground under one sweep."""
+
+    height_m: NDArray[np.float32]
+    """(N,) height of each point above the local ground."""
+    is_ground: NDArray[np.bool_]
+    """(N,) points lower than the thickness of the ground."""
+    plane: NDArray[np.float64]
+    """(3,) z = plane[0] * x + plane[1] * y + plane[2], ego frame."""
+
+
+def find_ground(xyz_m: NDArray[np.float32], config: GroundConfig | None = None) -> Ground:
+    """Ground of a sweep (N, 3) in the ego frame; with fewer than three low cells, the lowest point.
+
+    The plane is the one that most low cells support, weighed against the cells that it would put
+    below ground: it may lie anywhere below the sensor, at any slope up to `max_slope`.
+    """
+    config = config or GroundConfig()
+    points = np.array(xyz_m, dtype=np.float32)
+    cells = int(np.ceil(2 * config.reach_m / config.cell_m))
+    low_m, counts = _low_points(points, config.reach_m, config.cell_m, cells)
+    centre_m = (np.arange(cells) + 0.5) * config.cell_m - config.reach_m
+    rows, cols = np.nonzero(counts)
+    votes = np.column_stack([centre_m[cols], centre_m[rows], low_m[rows, cols]])
+    range_m = np.hypot(votes[:, 0], votes[:, 1])
+    plane = fit_plane(votes[range_m < config.fit_range_m], config)
+    residual_m = low_m - (plane[0] * centre_m[None] + plane[1] * centre_m[:, None] + plane[2])
+    outwards = np.argsort(range_m, kind="stable")
+    order = np.column_stack([rows, cols])[outwards]
+    slack_m = config.continues_m
+    terrain_m = _terrain(residual_m, counts > 0, order, slack_m)
+    height_m = _heights(points, plane, terrain_m, (config.reach_m, config.cell_m))
+    return Ground(height_m, height_m < config.thickness_m, plane)
+
+
+def fit_plane(votes: NDArray[np.float64], config: GroundConfig) -> NDArray[np.float64]:
+    """Plane (3,) z = a x + b y + c that most of the low points (M, 3) support, by seeded RANSAC."""
+    if len(votes) < 3:
+        return np.array([0.0, 0.0, votes[:, 2].min() if len(votes) else 0.0])
+    rng = np.random.default_rng(config.seed)
+    samples = rng.integers(len(votes), size=(config.hypotheses, 3))
+    jury = votes[:: max(len(votes) // _JURY, 1)]
+    best: NDArray[np.float64] = _ransac(jury, votes[samples], config.inlier_m, config.max_slope)
+    for _ in range(3):
+        residual_m = votes[:, 2] - votes[:, :2] @ best[:2] - best[2]
+        inlier = np.abs(residual_m) < config.inlier_m
+        if inlier.sum() < 3:
+            break
+        design = np.column_stack([votes[inlier, :2], np.ones(inlier.sum())])
+        best = np.asarray(np.linalg.lstsq(design, votes[inlier, 2], rcond=None)[0])
+    return best
+
+
+@njit(cache=True)
+def _low_points(
+    xyz_m: NDArray[np.float32], reach_m: float, cell_m: float, cells: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """5 % quantile of z in each cell, from the few lowest points kept, and the number of points."""
+    lowest = np.full((cells * cells, _LOWEST), np.inf, np.float32)
+    counts = np.zeros(cells * cells, np.int64)
+    reach, per_cell = np.float32(reach_m), np.float32(1.0 / cell_m)
+    for i in range(len(xyz_m)):
+        x, y = (xyz_m[i, 0] + reach) * per_cell, (xyz_m[i, 1] + reach) * per_cell
+        if not (0 <= x < cells and 0 <= y < cells):
+            continue
+        cell = int(y) * cells + int(x)
+        counts[cell] += 1
+        z_m = xyz_m[i, 2]
+        if z_m < lowest[cell, _LOWEST - 1]:
+            rank = _LOWEST - 1
+            while rank > 0 and lowest[cell, rank - 1] > z_m:
+                lowest[cell, rank] = lowest[cell, rank - 1]
+                rank -= 1
+            lowest[cell, rank] = z_m
+    low_m = np.zeros(cells * cells)
+    for cell in range(cells * cells):
+        if counts[cell] > 0:
+            low_m[cell] = lowest[cell, min(int(_LOW_SHARE * counts[cell]), _LOWEST - 1)]
+    return low_m.reshape(cells, cells), counts.reshape(cells, cells)
+
+
+@njit(cache=True)
+def _ransac(
+    votes: NDArray[np.float64], samples: NDArray[np.float64], inlier_m: float, max_slope: float
+) -> NDArray[np.float64]:
+    best = np.array([0.0, 0.0, np.median(votes[:, 2])])
+    best_score = -np.inf
+    for s in range(len(samples)):
+        p, q, r = samples[s, 0], samples[s, 1], samples[s, 2]
+        det = (q[0] - p[0]) * (r[1] - p[1]) - (r[0] - p[0]) * (q[1] - p[1])
+        if abs(det) < 1.0:
+            continue
+        a = ((q[2] - p[2]) * (r[1] - p[1]) - (r[2] - p[2]) * (q[1] - p[1])) / det
+        b = ((q[0] - p[0]) * (r[2] - p[2]) - (r[0] - p[0]) * (q[2] - p[2])) / det
+        if a * a + b * b > max_slope * max_slope:
+            continue
+        c = p[2] - a * p[0] - b * p[1]
+        score = 0.0
+        for i in range(len(votes)):
+            residual = votes[i, 2] - a * votes[i, 0] - b * votes[i, 1] - c
+            if abs(residual) < inlier_m:
+                score += 1.0 - (residual / inlier_m) ** 2
+            elif residual < -2 * inlier_m:
+                score -= 0.5
+        if score > best_score:
+            best_score = score
+            best[0], best[1], best[2] = a, b, c
+    return best
+
+
+@njit(cache=True)
+def _terrain(
+    residual_m: NDArray[np.float64],
+    filled: NDArray[np.bool_],
+    order: NDArray[np.int64],
+    continues_m: float,
+) -> NDArray[np.float64]:
+    """Height of the local ground over the plane: grown outwards, then smoothed by a median."""
+    known = np.zeros(residual_m.shape, np.bool_)
+    accepted = np.zeros(residual_m.shape, np.bool_)
+    grown_m = np.zeros(residual_m.shape)
+    for k in range(len(order)):
+        row, col = order[k]
+        expected_m = _window_mean(grown_m, known, row, col)
+        known[row, col] = True
+        accepted[row, col] = abs(residual_m[row, col] - expected_m) < continues_m
+        grown_m[row, col] = residual_m[row, col] if accepted[row, col] else expected_m
+    terrain_m = np.zeros(residual_m.shape)
+    held = np.empty((2 * _WINDOW_CELLS + 1) ** 2)
+    for k in range(len(order)):
+        row, col = order[k]
+        terrain_m[row, col] = _window_median(grown_m, accepted, (row, col), held)
+    return terrain_m
+
+
+@njit(cache=True)
+def _window_mean(
+    values: NDArray[np.float64], usable: NDArray[np.bool_], row: int, col: int
+) -> float:
+    total, count = 0.0, 0
+    for r in range(max(row - _WINDOW_CELLS, 0), min(row + _WINDOW_CELLS + 1, values.shape[0])):
+        for c in range(max(col - _WINDOW_CELLS, 0), min(col + _WINDOW_CELLS + 1, values.shape[1])):
+            if usable[r, c]:
+                total += values[r, c]
+                count += 1
+    return total / count if count else 0.0
+
+
+@njit(cache=True)
+def _window_median(
+    values: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    cell: tuple[int, int],
+    held: NDArray[np.float64],
+) -> float:
+    """Median around a cell; `held` is room to sort in (insertion: the windows are tiny)."""
+    row, col = cell
+    count = 0
+    for r in range(max(row - _WINDOW_CELLS, 0), min(row + _WINDOW_CELLS + 1, values.shape[0])):
+        for c in range(max(col - _WINDOW_CELLS, 0), min(col + _WINDOW_CELLS + 1, values.shape[1])):
+            if usable[r, c]:
+                k = count
+                while k > 0 and held[k - 1] > values[r, c]:
+                    held[k] = held[k - 1]
+                    k -= 1
+                held[k] = values[r, c]
+                count += 1
+    return held[count // 2] if count else 0.0
+
+
+@njit(cache=True)
+def _heights(
+    xyz_m: NDArray[np.float32],
+    plane: NDArray[np.float64],
+    terrain_m: NDArray[np.float64],
+    extent: tuple[float, float],
+) -> NDArray[np.float32]:
+    cells = len(terrain_m)
+    reach, per_cell = np.float32(extent[0]), np.float32(1.0 / extent[1])
+    a, b, c = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2])
+    height_m = np.empty(len(xyz_m), np.float32)
+    for i in range(len(xyz_m)):
+        x_m, y_m = xyz_m[i, 0], xyz_m[i, 1]
+        col = min(max(int((x_m + reach) * per_cell), 0), cells - 1)
+        row = min(max(int((y_m + reach) * per_cell), 0), cells - 1)
+        height_m[i] = xyz_m[i, 2] - (a * x_m + b * y_m + c) - np.float32(terrain_m[row, col])
+    return height_m

@@ -1,0 +1,125 @@
+"""Which points lie in which rotated boxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mottrack.core.errors import InputError
+from mottrack.lidar.point_grid import PointGrid, build_point_grid
+
+_CELL_M = 2.0
+_MAX_CELLS = 200_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class PointsInBoxes:
+    """Ragged result: `index[start[b]:start[b + 1]]` are the points of box `b`, ascending."""
+
+    index: NDArray[np.int64]
+    """Point indices sorted by box; a point in two boxes appears twice."""
+    start: NDArray[np.int64]
+    """(B + 1,) first entry of each box."""
+
+    def of(self, box: int) -> NDArray[np.int64]:
+        """Points of one box."""
+        return self.index[self.start[box] : self.start[box + 1]]
+
+    def first_box(self, num_points: int) -> NDArray[np.int64]:
+        """(N,) the first box that holds each point, -1 where none does."""
+        box_of = np.full(num_points, -1, np.int64)
+        boxes = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
+        box_of[self.index[::-1]] = boxes[::-1]
+        return box_of
+
+
+def points_in_boxes(
+    xyz_m: NDArray[np.floating],
+    centre_m: NDArray[np.floating],
+    size_m: NDArray[np.floating],
+    yaw_rad: NDArray[np.floating],
+    margin_m: float = 0.0,
+) -> PointsInBoxes:
+    """Points (N, 3) inside boxes of centre (B, 3), size l, w, h (B, 3) and yaw (B,), one frame.
+
+    `margin_m` grows each side. Raises `InputError` when the shapes disagree.
+    """
+    boxes = _boxes(centre_m, size_m, yaw_rad, margin_m)
+    points = np.array(xyz_m, dtype=np.float32, order="C")
+    if len(points) == 0 or len(boxes) == 0:
+        return PointsInBoxes(np.zeros(0, np.int64), np.zeros(len(boxes) + 1, np.int64))
+    reach_m = float(np.max(np.abs(points[:, :2]))) + 1e-3
+    cell_m = max(_CELL_M, 2 * reach_m / np.sqrt(_MAX_CELLS))
+    index, start = _search(build_point_grid(points, cell_m, reach_m), boxes)
+    return PointsInBoxes(index, start)
+
+
+def _boxes(
+    centre_m: NDArray[np.floating],
+    size_m: NDArray[np.floating],
+    yaw_rad: NDArray[np.floating],
+    margin_m: float,
+) -> NDArray[np.float64]:
+    count = len(yaw_rad)
+    if centre_m.shape != (count, 3) or size_m.shape != (count, 3):
+        raise InputError(
+            "centre_m, size_m", (centre_m.shape, size_m.shape), f"({count}, 3), as many as yaw_rad"
+        )
+    half_m = size_m / 2 + margin_m
+    return np.column_stack([centre_m, half_m, np.cos(yaw_rad), np.sin(yaw_rad)]).astype(np.float64)
+
+
+@njit(cache=True)
+def _search(
+    grid: PointGrid, boxes: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    start = np.zeros(len(boxes) + 1, np.int64)
+    found = np.empty(len(grid.order) + 16, np.int64)
+    count = 0
+    for b in range(len(boxes)):
+        first = count
+        reach_x = boxes[b, 3] * abs(boxes[b, 6]) + boxes[b, 4] * abs(boxes[b, 7])
+        reach_y = boxes[b, 3] * abs(boxes[b, 7]) + boxes[b, 4] * abs(boxes[b, 6])
+        col_low = max(int((boxes[b, 0] - reach_x - grid.x_min_m) // grid.cell_m), 0)
+        col_high = min(int((boxes[b, 0] + reach_x - grid.x_min_m) // grid.cell_m), grid.cols - 1)
+        row_low = max(int((boxes[b, 1] - reach_y - grid.y_min_m) // grid.cell_m), 0)
+        row_high = min(int((boxes[b, 1] + reach_y - grid.y_min_m) // grid.cell_m), grid.rows - 1)
+        if col_low <= col_high:
+            for row in range(row_low, row_high + 1):
+                low = grid.start[row * grid.cols + col_low]
+                high = grid.start[row * grid.cols + col_high + 1]
+                if count + high - low > len(found):
+                    found = _grown(found, count + high - low)
+                count = _collect(grid, boxes[b], (low, high), found, count)
+        found[first:count] = np.sort(found[first:count])
+        start[b + 1] = count
+    return found[:count].copy(), start
+
+
+@njit(cache=True)
+def _grown(found: NDArray[np.int64], needed: int) -> NDArray[np.int64]:
+    grown = np.empty(2 * needed, np.int64)
+    grown[: len(found)] = found
+    return grown
+
+
+@njit(cache=True)
+def _collect(
+    grid: PointGrid,
+    box: NDArray[np.float64],
+    span: tuple[int, int],
+    found: NDArray[np.int64],
+    count: int,
+) -> int:
+    for k in range(span[0], span[1]):
+        dx = grid.xyz_m[k, 0] - box[0]
+        dy = grid.xyz_m[k, 1] - box[1]
+        along = abs(dx * box[6] + dy * box[7])
+        across = abs(dy * box[6] - dx * box[7])
+        if along <= box[3] and across <= box[4] and abs(grid.xyz_m[k, 2] - box[2]) <= box[5]:
+            found[count] = grid.order[k]
+            count += 1
+    return count

@@ -1,0 +1,103 @@
+"""Points sorted by square cell, for neighbour searches of a bounded radius.
+
+A k-d tree spends most of its time descending. Points of a sweep are spread over a plane, the
+search radius is known beforehand, and a cell of that size needs no descent: the neighbours of a
+point lie in the 3 x 3 cells around it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mottrack.core.errors import InputError
+
+
+class PointGrid(NamedTuple):
+    """Points sorted by cell; `start[c]:start[c + 1]` are the points of cell `c = row * cols + col`.
+
+    A named tuple, so that numba takes it as one argument. Points outside the extent are left out.
+    """
+
+    xyz_m: NDArray[np.float32]
+    """(M, 3) points inside the extent, sorted by cell; metres, frame of the input."""
+    order: NDArray[np.int64]
+    """(M,) index of each sorted point in the input."""
+    start: NDArray[np.int64]
+    """(rows * cols + 1,) first point of each cell."""
+    x_min_m: float
+    y_min_m: float
+    cell_m: float
+    rows: int
+    cols: int
+
+
+def build_point_grid(xyz_m: NDArray[np.float32], cell_m: float, reach_m: float = 60.0) -> PointGrid:
+    """Sort `xyz_m` (N, 3) into cells of `cell_m` metres over [-reach_m, reach_m] in x and y.
+
+    Raises `InputError` on a wrong shape, a cell size that is not positive or a reach that is not.
+    """
+    if xyz_m.ndim != 2 or xyz_m.shape[1] != 3:
+        raise InputError("xyz_m", xyz_m.shape, "(N, 3)")
+    if not cell_m > 0 or not reach_m > 0:
+        raise InputError("cell_m, reach_m", (cell_m, reach_m), "positive metres")
+    cells = int(np.ceil(2 * reach_m / cell_m))
+    points = np.array(xyz_m, dtype=np.float32, order="C")
+    order, start = _counting_sort(points, -reach_m, cell_m, cells)
+    return PointGrid(points[order], order, start, -reach_m, -reach_m, cell_m, cells, cells)
+
+
+@njit(cache=True)
+def _counting_sort(
+    xyz_m: NDArray[np.float32], low_m: float, cell_m: float, cells: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    start = np.zeros(cells * cells + 1, np.int64)
+    cell_of = np.empty(len(xyz_m), np.int64)
+    for i in range(len(xyz_m)):
+        col = int(np.floor((xyz_m[i, 0] - low_m) / cell_m))
+        row = int(np.floor((xyz_m[i, 1] - low_m) / cell_m))
+        inside = 0 <= col < cells and 0 <= row < cells
+        cell_of[i] = row * cells + col if inside else -1
+        if inside:
+            start[cell_of[i] + 1] += 1
+    for c in range(cells * cells):
+        start[c + 1] += start[c]
+    order = np.empty(start[-1], np.int64)
+    fill = start[:-1].copy()
+    for i in range(len(xyz_m)):
+        if cell_of[i] >= 0:
+            order[fill[cell_of[i]]] = i
+            fill[cell_of[i]] += 1
+    return order, start
+
+
+@njit(cache=True, fastmath=True)
+def nearest(
+    grid: PointGrid, x_m: float, y_m: float, z_m: float, gate_m: float
+) -> tuple[int, float]:
+    """Sorted index and squared distance of the nearest point within `gate_m`; (-1, gate^2) if none.
+
+    The distance is taken in three dimensions. `gate_m` must not exceed the cell size: only the
+    cells that the square of that radius touches are visited.
+    """
+    best, best_d2 = -1, gate_m * gate_m
+    col_low = max(int(np.floor((x_m - gate_m - grid.x_min_m) / grid.cell_m)), 0)
+    col_high = min(int(np.floor((x_m + gate_m - grid.x_min_m) / grid.cell_m)), grid.cols - 1)
+    row_low = max(int(np.floor((y_m - gate_m - grid.y_min_m) / grid.cell_m)), 0)
+    row_high = min(int(np.floor((y_m + gate_m - grid.y_min_m) / grid.cell_m)), grid.rows - 1)
+    if col_low > col_high:
+        return best, best_d2
+    for row in range(row_low, row_high + 1):
+        first = grid.start[row * grid.cols + col_low]
+        last = grid.start[row * grid.cols + col_high + 1]
+        for k in range(first, last):
+            dx = grid.xyz_m[k, 0] - x_m
+            dy = grid.xyz_m[k, 1] - y_m
+            dz = grid.xyz_m[k, 2] - z_m
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 < best_d2:
+                best, best_d2 = k, d2
+    return best, best_d2
