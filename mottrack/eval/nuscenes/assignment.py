@@ -6,99 +6,97 @@ SciPy's: the columns still open are kept in a list, last column first, a settled
 the list's end, and among equal columns a free one is preferred.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+ROW = np.dtype([("price", "f8"), ("column", "i8"), ("seen", "i8")])
+COLUMN = np.dtype(
+    [("price", "f8"), ("row", "i8"), ("seen", "i8"), ("way", "f8"), ("path", "i8"), ("open", "i8")]
+)
 
 
 class Solver(NamedTuple):
     """Working memory for matrices of up to K rows and columns."""
 
     cost: NDArray[np.float64]
-    """(K, K) rows are the smaller side."""
-    price_row: NDArray[np.float64]
-    price_column: NDArray[np.float64]
-    shortest: NDArray[np.float64]
-    path: NDArray[np.int64]
-    open_columns: NDArray[np.int64]
-    column_of_row: NDArray[np.int64]
-    row_of_column: NDArray[np.int64]
-    row_seen: NDArray[np.bool_]
-    column_seen: NDArray[np.bool_]
+    """(K, K) the smaller side along the rows."""
+    row: NDArray[Any]
+    """(K,) of ROW: price, assigned column, seen on the present path."""
+    column: NDArray[Any]
+    """(K,) of COLUMN: price, assigned row (-1: free), seen, cheapest way to it and its last row;
+    `open` is the list of columns still open."""
 
 
 def make_solver(size: int) -> Solver:
     """Memory for matrices of up to `size` rows and columns."""
-    floats = [np.empty(size) for _ in range(3)]
-    integers = [np.empty(size, np.int64) for _ in range(4)]
-    flags = [np.empty(size, np.bool_) for _ in range(2)]
-    return Solver(np.empty((size, size)), *floats, *integers, *flags)
+    return Solver(np.empty((size, size)), np.zeros(size, ROW), np.zeros(size, COLUMN))
 
 
 @numba.njit(cache=True)
 def solve(s: Solver, rows: int, columns: int) -> None:
     """Assigns every row of `s.cost[:rows, :columns]` (rows <= columns) a column.
 
-    The answer is left in `s.column_of_row` and `s.row_of_column` (-1 for a column left over).
+    The answer is left in `s.row[i].column`.
     """
-    s.price_row[:rows] = 0.0
-    s.price_column[:columns] = 0.0
-    s.column_of_row[:rows] = -1
-    s.row_of_column[:columns] = -1
-    for row in range(rows):
-        sink, length = _shortest_path(s, row, rows, columns)
-        _update_prices(s, row, length, rows, columns)
-        while True:
-            at = s.path[sink]
-            s.row_of_column[sink] = at
-            sink, s.column_of_row[at] = s.column_of_row[at], sink
-            if at == row:
-                break
+    for i in range(rows):
+        s.row[i].price = 0.0
+        s.row[i].column = -1
+    for j in range(columns):
+        s.column[j].price = 0.0
+        s.column[j].row = -1
+    for start in range(rows):
+        sink, length = _shortest_path(s, start, rows, columns)
+        for i in range(rows):
+            if i == start:
+                s.row[i].price += length
+            elif s.row[i].seen:
+                s.row[i].price += length - s.column[s.row[i].column].way
+        for j in range(columns):
+            if s.column[j].seen:
+                s.column[j].price -= length - s.column[j].way
+        at = -1
+        while at != start:
+            at = s.column[sink].path
+            s.column[sink].row = at
+            displaced = s.row[at].column
+            s.row[at].column = sink
+            sink = displaced
 
 
 @numba.njit(cache=True)
 def _shortest_path(s: Solver, start: int, rows: int, columns: int) -> tuple[int, float]:
     """The free column that is cheapest to reach from the row, and the length of the way."""
-    s.row_seen[:rows] = False
-    s.column_seen[:columns] = False
-    s.shortest[:columns] = np.inf
-    for k in range(columns):
-        s.open_columns[k] = columns - 1 - k
+    for i in range(rows):
+        s.row[i].seen = 0
+    for j in range(columns):
+        s.column[j].seen = 0
+        s.column[j].way = np.inf
+        s.column[j].open = columns - 1 - j
     length = 0.0
-    row = start
+    i = start
     left = columns
     while True:
-        s.row_seen[row] = True
+        s.row[i].seen = 1
         lowest = np.inf
-        best = -1
+        best = 0
         for k in range(left):
-            j = s.open_columns[k]
-            way = length + s.cost[row, j] - s.price_row[row] - s.price_column[j]
-            if way < s.shortest[j]:
-                s.path[j] = row
-                s.shortest[j] = way
-            free = s.row_of_column[j] == -1
-            if s.shortest[j] < lowest or (free and s.shortest[j] == lowest):
-                lowest = s.shortest[j]
+            j = s.column[k].open
+            way = length + s.cost[i, j] - s.row[i].price - s.column[j].price
+            if way < s.column[j].way:
+                s.column[j].path = i
+                s.column[j].way = way
+            free = s.column[j].row == -1
+            if s.column[j].way < lowest or (free and s.column[j].way == lowest):
+                lowest = s.column[j].way
                 best = k
         length = lowest
-        j = s.open_columns[best]
-        s.column_seen[j] = True
-        if s.row_of_column[j] == -1:
+        j = s.column[best].open
+        s.column[j].seen = 1
+        i = s.column[j].row
+        if i == -1:
             return j, length
-        row = s.row_of_column[j]
         left -= 1
-        s.open_columns[best] = s.open_columns[left]
-
-
-@numba.njit(cache=True)
-def _update_prices(s: Solver, row: int, length: float, rows: int, columns: int) -> None:
-    s.price_row[row] += length
-    for i in range(rows):
-        if s.row_seen[i] and i != row:
-            s.price_row[i] += length - s.shortest[s.column_of_row[i]]
-    for j in range(columns):
-        if s.column_seen[j]:
-            s.price_column[j] -= length - s.shortest[j]
+        s.column[best].open = s.column[left].open

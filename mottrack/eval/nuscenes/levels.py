@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.eval.nuscenes.assignment import make_solver
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
 from mottrack.eval.nuscenes.kernel import (
-    COUNTS, FN, FP, FRAG, FRAMES, GAP, IDS, MATCH, ML, MT, TP, TRACKED, WAIT,
-    Scenes, candidate_pairs, count_passes, make_work,
+    COUNTS, FN, FP, FRAG, FRAME, FRAMES, GAP, IDS, MATCH, ML, MT, OBJECT, PAIR, SCENE, TP, TRACK,
+    TRACKED, TRUTH, WAIT, Scenes, count_passes, find_candidates,
 )  # fmt: skip
 from mottrack.eval.nuscenes.rules import FRAME_SECONDS, LEVEL_METRICS, METRIC_WORST, Rules
 
@@ -27,37 +29,52 @@ class Tally:
     distance_m: F64
 
 
-@dataclass(frozen=True, slots=True)
-class Events:
-    """What became of every true box in one pass."""
-
-    kind: I64
-    """(G,) MISS, MATCH or SWITCH."""
-    track_row: I64
-    """(G,) row of the matched predicted box, -1 for none."""
-
-
 def class_scenes(prepared: Prepared, label: int, rules: Rules) -> Scenes:
     """The boxes of one class laid out for passes, with all candidate pairs."""
     samples = prepared.samples
     truth = prepared.truth.select(prepared.truth.label == label)
     tracks = prepared.tracks.select(prepared.tracks.label == label)
+    scene_of_object, object_of = _number_by_scene(truth, samples.scene_of_sample())
     edges = np.arange(len(samples) + 1)
-    truth_edges, track_edges = (np.searchsorted(t.sample, edges) for t in (truth, tracks))
-    objects, object_of = _number_by_scene(truth, samples.scene_of_sample())
-    pairs = _pairs((truth_edges, track_edges), truth, tracks, rules.match_distance_m)
-    return Scenes(
-        samples.first,
-        truth_edges,
-        track_edges,
-        np.searchsorted(objects, np.arange(samples.scenes + 1)),
-        object_of,
-        np.bincount(object_of),
-        tracks.track,
-        _same_before(tracks),
-        tracks.score,
-        *pairs,
+    scenes = Scenes(
+        scene=_records(
+            SCENE,
+            frame=samples.first,
+            object=np.searchsorted(scene_of_object, np.arange(samples.scenes + 1)),
+        ),
+        frame=_records(
+            FRAME,
+            truth=np.searchsorted(truth.sample, edges),
+            track=np.searchsorted(tracks.sample, edges),
+        ),
+        truth=_records(TRUTH, 1, **_xy(truth), object=object_of),
+        track=_records(
+            TRACK,
+            1,
+            **_xy(tracks),
+            id=tracks.track,
+            score=tracks.score,
+            same_before=_same_before(tracks),
+        ),
+        pair=np.zeros(0, PAIR),
+        object=_records(OBJECT, length=np.bincount(object_of)),
     )
+    pairs = find_candidates(scenes, rules.match_distance_m)
+    scenes = scenes._replace(pair=np.zeros(pairs, PAIR))
+    find_candidates(scenes, rules.match_distance_m)
+    return scenes
+
+
+def _records(kind: np.dtype[Any], spare: int = 0, **columns: NDArray[Any]) -> NDArray[Any]:
+    """A table of records from columns, with rows to spare at its end."""
+    table = np.zeros(len(next(iter(columns.values()))) + spare, kind)
+    for name, column in columns.items():
+        table[name][: len(column)] = column
+    return table
+
+
+def _xy(boxes: BoxTable) -> dict[str, F64]:
+    return {"x": boxes.centre_m[:, 0], "y": boxes.centre_m[:, 1]}
 
 
 def _number_by_scene(truth: BoxTable, scene_of_sample: I64) -> tuple[I64, I64]:
@@ -81,34 +98,25 @@ def _same_before(tracks: BoxTable) -> I64:
     return before
 
 
-def _pairs(
-    edges: tuple[I64, I64], truth: BoxTable, tracks: BoxTable, gate: float
-) -> tuple[I64, I64, F64]:
-    truth_xy = np.ascontiguousarray(truth.centre_m[:, :2])
-    track_xy = np.ascontiguousarray(tracks.centre_m[:, :2])
-    pair_edges = np.zeros(len(truth) + 1, np.int64)
-    room = 0
-    while True:
-        out = (pair_edges, np.empty(room, np.int64), np.empty((room, 2)))
-        count = candidate_pairs(edges, truth_xy, track_xy, gate, out)
-        if count <= room:
-            return out
-        room = count
-
-
-def run_passes(scenes: Scenes, scene: I64, threshold: F64) -> tuple[Tally, Events]:
-    """Passes over (scene, threshold) jobs (J,), their counts, and the last events."""
+def run_passes(scenes: Scenes, scene: I64, threshold: F64) -> Tally:
+    """Passes over (scene, threshold) jobs (J,); events are left in `scenes.truth`."""
     counts = np.zeros((len(scene), COUNTS), np.int64)
     distance = np.zeros(len(scene))
-    event = np.zeros((2, len(scenes.truth_object)), np.int64)
-    count_passes(scenes, make_work(scenes), (scene, threshold), counts, distance, event)
-    return Tally(counts, distance), Events(event[0], event[1])
+    largest = max(int(np.diff(scenes.frame[side]).max(initial=0)) for side in ("truth", "track"))
+    count_passes(scenes, make_solver(largest), (scene, threshold), counts, distance)
+    return Tally(counts, distance)
 
 
-def run_at(scenes: Scenes, threshold: float) -> tuple[Tally, Events]:
+def run_at(scenes: Scenes, threshold: float) -> Tally:
     """One pass over every scene; the tally is per scene."""
-    every = np.arange(len(scenes.frame_edges) - 1)
+    every = np.arange(len(scenes.scene) - 1)
     return run_passes(scenes, every, np.full(len(every), threshold))
+
+
+def scene_of_tracks(scenes: Scenes) -> I64:
+    """(P,) scene of each predicted box."""
+    edges = scenes.frame["track"][scenes.scene["frame"]]
+    return np.repeat(np.arange(len(edges) - 1), np.diff(edges))
 
 
 def matched_scores(scenes: Scenes) -> tuple[F64, I64]:
@@ -116,15 +124,16 @@ def matched_scores(scenes: Scenes) -> tuple[F64, I64]:
 
     They are those of every box whose id was matched, without a switch, in the box's frame.
     """
-    _, events = run_at(scenes, -np.inf)
-    frame = np.repeat(np.arange(len(scenes.track_edges) - 1), np.diff(scenes.track_edges))
-    scene = np.searchsorted(scenes.frame_edges, frame, "right") - 1
-    hit = np.zeros(len(scenes.score), np.bool_)
-    hit[events.track_row[events.kind == MATCH]] = True
-    if (scenes.same_before >= 0).any():
-        key = frame * (int(scenes.track_id.max()) + 1) + scenes.track_id
+    run_at(scenes, -np.inf)
+    truth, track = scenes.truth[:-1], scenes.track[:-1]
+    hit = np.zeros(len(track), np.bool_)
+    hit[truth["match"][truth["event"] == MATCH]] = True
+    if (track["same_before"] >= 0).any():
+        frames = np.diff(scenes.frame["track"])
+        frame = np.repeat(np.arange(len(frames)), frames)
+        key = frame * (int(track["id"].max()) + 1) + track["id"]
         hit = np.isin(key, key[hit])
-    return scenes.score[hit], scene[hit]
+    return track["score"][hit], scene_of_tracks(scenes)[hit]
 
 
 def thresholds(scores: F64, truth_boxes: int, rules: Rules) -> tuple[F64, F64]:
@@ -142,14 +151,14 @@ def thresholds(scores: F64, truth_boxes: int, rules: Rules) -> tuple[F64, F64]:
 
 def class_curves(scenes: Scenes, rules: Rules) -> Curves:
     """Every metric of a class at every recall level."""
-    boxes = len(scenes.truth_object)
+    boxes = len(scenes.truth) - 1
     if boxes == 0:
         names = (*LEVEL_METRICS, "confidence", "recall_hypo")
         return {name: np.full(rules.levels, np.nan) for name in names}
     threshold, recall = thresholds(matched_scores(scenes)[0], boxes, rules)
     levels = np.unique(threshold[~np.isnan(threshold)])
     tally = tally_levels(scenes, levels)
-    return curves_of(tally, (threshold, recall, levels), (boxes, len(scenes.length)))
+    return curves_of(tally, (threshold, recall, levels), (boxes, len(scenes.object)))
 
 
 def tally_levels(scenes: Scenes, levels: F64) -> Tally:
@@ -157,11 +166,11 @@ def tally_levels(scenes: Scenes, levels: F64) -> Tally:
 
     A scene in which no track lies between two thresholds is passed over once for both.
     """
-    count = len(scenes.frame_edges) - 1
+    count = len(scenes.scene) - 1
     scene, rank = scene_ranks(scenes, levels)
-    job = scene * (len(scenes.score) + 1) + rank
+    job = scene * len(scenes.track) + rank
     _, first, same = np.unique(job, return_index=True, return_inverse=True)
-    tally, _ = run_passes(scenes, scene[first], np.tile(levels, count)[first])
+    tally = run_passes(scenes, scene[first], np.tile(levels, count)[first])
     shape = (count, len(levels))
     counts = tally.counts[same].reshape(*shape, COUNTS).sum(axis=0)
     return Tally(counts, tally.distance_m[same].reshape(shape).sum(axis=0))
@@ -169,10 +178,10 @@ def tally_levels(scenes: Scenes, levels: F64) -> Tally:
 
 def scene_ranks(scenes: Scenes, levels: F64) -> tuple[I64, I64]:
     """For every scene and level (scenes * levels,): the scene, and its boxes below the level."""
-    count = len(scenes.frame_edges) - 1
-    edges = scenes.track_edges[scenes.frame_edges]
-    rank = [np.searchsorted(np.sort(scenes.score[a:b]), levels) for a, b in pairwise(edges)]
-    return np.repeat(np.arange(count), len(levels)), np.concatenate(rank)
+    edges = scenes.frame["track"][scenes.scene["frame"]]
+    score = scenes.track["score"]
+    rank = [np.searchsorted(np.sort(score[a:b]), levels) for a, b in pairwise(edges)]
+    return np.repeat(np.arange(len(rank)), len(levels)), np.concatenate(rank)
 
 
 def curves_of(
