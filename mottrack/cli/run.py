@@ -62,10 +62,14 @@ def _run(config: str, overrides: list[str], out: Path, workers: int) -> None:
     from mottrack.pipeline.comparison import run_comparison
     from mottrack.pipeline.experiment import load_experiments
     from mottrack.pipeline.terminal import TerminalProgress, print_comparison
+    from mottrack.report.page import write_report
 
     experiments = load_experiments(config, overrides)
     with TerminalProgress() as progress:
         comparison = run_comparison(experiments, out, workers=workers, progress=progress)
     print_comparison(comparison)
+    if any(run.report.finished for run in comparison.runs):
+        write_report(comparison, out / "report.html")
+        typer.echo(f"report:  {out / 'report.html'}")
     if comparison.failed:
         raise typer.Exit(EXIT_SCENES_FAILED)

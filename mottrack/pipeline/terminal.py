@@ -54,15 +54,21 @@ class TerminalProgress:
         self._progress.update(self._task, now=f"{scene} {done}/{total}")
 
     def scene_ends(self, outcome: Outcome) -> None:
-        """Moves the bar; a failure is said at once and again at the end."""
+        """Moves the bar and says at once what went wrong."""
         self._progress.advance(self._task)
         if outcome.error:
-            self._progress.console.print(f"[red]failed[/] {outcome.scene}: {outcome.error}")
+            text = f"[red]failed[/] {outcome.scene}: {outcome.error}"
+            self._progress.console.print(text, highlight=False, soft_wrap=True)
+
+
+FILE_WIDTH = 140  # columns of a table that goes into a file or a pipe
 
 
 def print_comparison(comparison: Comparison, console: Console | None = None) -> None:
     """Prints the tables of a comparison and where everything is stored."""
     console = console or Console()
+    if not console.is_terminal:
+        console.width = FILE_WIDTH
     runs = [run for run in comparison.runs if run.report.finished]
     if runs:
         console.print(_overall_table(runs))
@@ -71,8 +77,8 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
             console.print(_flow_table(runs))
         console.print(_timing_table(runs))
     for name, reason in comparison.failed.items():
-        console.print(f"[red]failed[/] {name}: {reason}", highlight=False)
-    console.print(f"figures: {comparison.out / 'scores.json'}", highlight=False)
+        console.print(f"[red]failed[/] {name}: {reason}", highlight=False, soft_wrap=True)
+    console.print(f"figures: {comparison.out / 'scores.json'}", highlight=False, soft_wrap=True)
 
 
 def _overall_table(runs: Iterable[ScoredRun]) -> Table:

@@ -1,0 +1,1 @@
+"""Pictures: flow in colours, boxes and tracks from above."""

@@ -1,0 +1,59 @@
+"""The Middlebury colour code of flow (Baker et al., IJCV 2011): hue is direction, paleness is slow.
+
+Directions run around a wheel of 55 colours with unequal arcs between the primaries, so that equal
+differences of direction look about equally different.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+RED, YELLOW, GREEN = (255, 0, 0), (255, 255, 0), (0, 255, 0)
+CYAN, BLUE, MAGENTA = (0, 255, 255), (0, 0, 255), (255, 0, 255)
+ARCS = (
+    (RED, YELLOW, 15),
+    (YELLOW, GREEN, 6),
+    (GREEN, CYAN, 4),
+    (CYAN, BLUE, 11),
+    (BLUE, MAGENTA, 13),
+    (MAGENTA, RED, 6),
+)
+
+
+def colour_wheel() -> NDArray[np.float64]:
+    """(55, 3) colours of the wheel, RGB in [0, 1]."""
+    arcs = [
+        np.linspace(start, end, steps, endpoint=False, dtype=np.float64)
+        for start, end, steps in ARCS
+    ]
+    return np.concatenate(arcs) / 255.0
+
+
+def flow_to_rgb(
+    velocity_mps: NDArray[np.floating[Any]], max_mps: float, *, dark: bool = False
+) -> NDArray[np.float64]:
+    """Colours (..., 3) in [0, 1] of velocities (..., 2).
+
+    Args:
+        velocity_mps: velocity along x (right) and y (up) in the picture.
+        max_mps: speed that gets the full colour; faster ones are darkened to three quarters.
+        dark: standing still is black instead of white, for dark backgrounds.
+
+    Returns:
+        RGB colours; a velocity of zero is white (or black).
+    """
+    x, y = velocity_mps[..., 0].astype(np.float64), velocity_mps[..., 1].astype(np.float64)
+    radius = np.hypot(x, y) / max_mps
+    wheel = colour_wheel()
+    # the picture of the original has y downwards; here it points up, hence the sign
+    position = (np.arctan2(y, -x) / np.pi + 1.0) / 2.0 * (len(wheel) - 1)
+    low = np.floor(position).astype(np.int64)
+    share = (position - low)[..., None]
+    hue = (1 - share) * wheel[low % len(wheel)] + share * wheel[(low + 1) % len(wheel)]
+    inside = (radius <= 1)[..., None]
+    r = np.minimum(radius, 1.0)[..., None]
+    pale = r * hue if dark else 1 - r * (1 - hue)
+    return np.where(inside, pale, 0.75 * hue)
