@@ -1,0 +1,228 @@
+"""The loops behind the height map, compiled: levels per cell, envelope, local planes, look-up.
+
+Arrays (C, C) are indexed [row, column], row along y, column along x; heights in metres, NaN where
+a cell was never hit. `offset_m` takes rotated points into the map: origin at its lower left corner.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+
+_MIN_SUPPORT = 6.0
+_MIN_WEIGHT = 0.05
+_SLOPE_PRIOR = 0.5
+
+
+@njit(cache=True)
+def lowest(xyz_m: F32, rotation: F64, offset_m: F64, cells: int, cell_m: float) -> F64:
+    """(C, C) second lowest height in each cell; NaN with fewer than two points.
+
+    The second lowest: a single return from below the road, by reflection, is common.
+    """
+    first = np.full((cells, cells), np.inf)
+    second = np.full((cells, cells), np.nan)
+    for i in range(len(xyz_m)):
+        x, y, z = xyz_m[i]
+        east = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + offset_m[0]
+        north = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + offset_m[1]
+        column, row = int(np.floor(east / cell_m)), int(np.floor(north / cell_m))
+        if 0 <= row < cells and 0 <= column < cells:
+            height = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + offset_m[2]
+            if height < first[row, column]:
+                if first[row, column] < np.inf:
+                    second[row, column] = first[row, column]
+                first[row, column] = height
+            elif not height >= second[row, column]:
+                second[row, column] = height
+    return second
+
+
+@njit(cache=True)
+def remember(level_m: F64, seen: F64, low_m: F64, band_m: float, memory: float) -> None:
+    """Merges the levels of a new sweep into the map, in place.
+
+    A lower level replaces the old one (something moved off the ground), a level within the band is
+    averaged in, a higher one (something covers the ground) only wears the old one's support down,
+    so that a wrong low level is forgotten after some sweeps.
+    """
+    for row in range(level_m.shape[0]):
+        for column in range(level_m.shape[1]):
+            low = low_m[row, column]
+            if np.isnan(low):
+                continue
+            change = low - level_m[row, column]
+            worn = change > band_m and seen[row, column] <= 0.0
+            if np.isnan(change) or change < -band_m or worn:
+                level_m[row, column] = low
+                seen[row, column] = 1.0
+            elif change > band_m:
+                seen[row, column] -= 0.1
+            else:
+                seen[row, column] = min(seen[row, column] + 1.0, memory)
+                level_m[row, column] += change / seen[row, column]
+
+
+@njit(cache=True)
+def pits(level_m: F64, rise_m: float) -> NDArray[np.bool_]:
+    """(C, C) cells far below all of at least three known neighbours: returns from below ground."""
+    cells = level_m.shape[0]
+    found = np.zeros(level_m.shape, np.bool_)
+    depth_m = max(0.5, 2.0 * rise_m)
+    for row in range(cells):
+        for column in range(cells):
+            around, above_it = 0, 0
+            for r in range(max(row - 1, 0), min(row + 2, cells)):
+                for c in range(max(column - 1, 0), min(column + 2, cells)):
+                    if (r != row or c != column) and not np.isnan(level_m[r, c]):
+                        around += 1
+                        above_it += level_m[r, c] - level_m[row, column] > depth_m
+            found[row, column] = around >= 3 and above_it == around
+    return found
+
+
+@njit(cache=True)
+def envelope(level_m: F64, rise_m: float) -> F64:
+    """Highest surface below all levels that rises by at most `rise_m` a cell (two chamfer passes).
+
+    Infinite everywhere when no cell is known.
+    """
+    cells = level_m.shape[0]
+    surface = np.where(np.isnan(level_m), np.inf, level_m)
+    across = rise_m * np.sqrt(2.0)
+    for k in range(2):
+        step = 1 - 2 * k
+        for i in range(cells):
+            row = i if k == 0 else cells - 1 - i
+            for j in range(cells):
+                column = j if k == 0 else cells - 1 - j
+                best = surface[row, column]
+                if 0 <= column - step < cells:
+                    best = min(best, surface[row, column - step] + rise_m)
+                if 0 <= row - step < cells:
+                    best = min(best, surface[row - step, column] + rise_m)
+                    if column > 0:
+                        best = min(best, surface[row - step, column - 1] + across)
+                    if column < cells - 1:
+                        best = min(best, surface[row - step, column + 1] + across)
+                surface[row, column] = best
+    return surface
+
+
+@njit(cache=True)
+def planes(level_m: F64, surface_m: F64, band_m: float, half: int) -> F64:
+    """(C, C) heights at the centres of planes fitted around every cell, by weighted least squares.
+
+    A level weighs 1 on the old surface, a half at `band_m` above or three times that below it. A
+    window that holds too little grows, so unseen ground continues that around it.
+    """
+    sums = _moment_sums(level_m, surface_m, band_m)
+    cells = level_m.shape[0]
+    fitted = np.empty(level_m.shape)
+    window = np.empty(9)
+    for row in range(cells):
+        for column in range(cells):
+            reach = half
+            _window_sums(sums, row, column, reach, window)
+            while window[0] < _MIN_SUPPORT and reach < cells:
+                reach *= 2
+                _window_sums(sums, row, column, reach, window)
+            fitted[row, column] = _plane_height(window, row + 0.5, column + 0.5)
+    return fitted
+
+
+@njit(cache=True)
+def _moment_sums(level_m: F64, surface_m: F64, band_m: float) -> F64:
+    """(9, C + 1, C + 1) integral images of w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz, in cells."""
+    cells = level_m.shape[0]
+    sums = np.zeros((cells + 1, cells + 1, 9))
+    line = np.empty(9)
+    for row in range(cells):
+        line[:] = 0.0
+        y = row + 0.5
+        for column in range(cells):
+            z = level_m[row, column]
+            if not np.isnan(z):
+                off = z - surface_m[row, column]
+                scaled = (off / (band_m if off >= 0 else 3.0 * band_m)) ** 2
+                w = 1.0 / (1.0 + scaled * scaled)
+                if w < _MIN_WEIGHT:
+                    w = 0.0
+                x = column + 0.5
+                line[0] += w
+                line[1] += w * x
+                line[2] += w * y
+                line[3] += w * x * x
+                line[4] += w * x * y
+                line[5] += w * y * y
+                line[6] += w * z
+                line[7] += w * x * z
+                line[8] += w * y * z
+            for m in range(9):
+                sums[row + 1, column + 1, m] = sums[row, column + 1, m] + line[m]
+    return sums
+
+
+@njit(cache=True)
+def _window_sums(sums: F64, row: int, column: int, half: int, window: F64) -> None:
+    cells = sums.shape[0] - 1
+    top, bottom = min(row + half + 1, cells), max(row - half, 0)
+    right, left = min(column + half + 1, cells), max(column - half, 0)
+    for m in range(9):
+        window[m] = sums[top, right, m] - sums[bottom, right, m]
+        window[m] += sums[bottom, left, m] - sums[top, left, m]
+
+
+@njit(cache=True)
+def _plane_height(window: F64, y: float, x: float) -> float:
+    """Height at (x, y) of the plane with these moments; slopes are drawn weakly towards zero."""
+    w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz = window
+    if w < 1e-9:
+        return 0.0
+    mean_x, mean_y, mean_z = wx / w, wy / w, wz / w
+    xx = wxx - wx * mean_x + _SLOPE_PRIOR
+    yy = wyy - wy * mean_y + _SLOPE_PRIOR
+    xy = wxy - wx * mean_y
+    xz = wxz - wx * mean_z
+    yz = wyz - wy * mean_z
+    det = xx * yy - xy * xy
+    slope_x = (xz * yy - yz * xy) / det
+    slope_y = (yz * xx - xz * xy) / det
+    return float(mean_z + slope_x * (x - mean_x) + slope_y * (y - mean_y))
+
+
+@njit(cache=True)
+def interpolated(surface_m: F64, local_m: F64, cell_m: float) -> F64:
+    """(N,) bilinear heights at (N, 2) positions from the map's corner; clamped to its edge."""
+    heights = np.empty(len(local_m))
+    for i in range(len(local_m)):
+        heights[i] = _at(surface_m, local_m[i, 0] / cell_m, local_m[i, 1] / cell_m)
+    return heights
+
+
+@njit(cache=True)
+def above(xyz_m: F32, rotation: F64, offset_m: F64, surface_m: F64, cell_m: float) -> F64:
+    """(N,) height of points above the surface below them."""
+    heights = np.empty(len(xyz_m))
+    for i in range(len(xyz_m)):
+        x, y, z = xyz_m[i]
+        east = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + offset_m[0]
+        north = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + offset_m[1]
+        up = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z + offset_m[2]
+        heights[i] = up - _at(surface_m, east / cell_m, north / cell_m)
+    return heights
+
+
+@njit(cache=True)
+def _at(surface_m: F64, x: float, y: float) -> float:
+    last = surface_m.shape[0] - 1
+    x, y = min(max(x - 0.5, 0.0), float(last)), min(max(y - 0.5, 0.0), float(last))
+    column, row = min(int(x), last - 1), min(int(y), last - 1)
+    fx, fy = x - column, y - row
+    low = surface_m[row, column] * (1 - fx) + surface_m[row, column + 1] * fx
+    high = surface_m[row + 1, column] * (1 - fx) + surface_m[row + 1, column + 1] * fx
+    return float(low * (1 - fy) + high * fy)
