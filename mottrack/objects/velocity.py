@@ -18,6 +18,7 @@ from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
 from mottrack.core.motion import FlowField, VelocityMeasurement
 from mottrack.core.objects import Boxes
+from mottrack.objects.footprints import footprints
 
 
 class VelocityConfig(StrictModel):
@@ -39,7 +40,8 @@ def measure_velocity(
 ) -> VelocityMeasurement:
     """One velocity for each of N boxes, which are in the ego frame of the field, in its axes.
 
-    mean = sum w v / sum w over the occupied and valid cells whose centre is inside the box;
+    mean = sum w v / sum w over the occupied and valid cells whose centre is inside the footprint
+    (the box, or the hull of a cluster);
     covariance = (spread of the cells) / (effective number) + (mean of the source's own
     covariance) + floor. Boxes without enough such cells are masked.
 
@@ -52,22 +54,15 @@ def measure_velocity(
     weight = field.weight if config.rule == "weighted" else np.ones_like(field.weight)
     grid = field.grid
     sums = _sums(
-        _footprints(boxes, config.margin_m, grid.cell_m),
-        np.where(field.valid & field.occupied, weight, np.float32(0)),
-        np.array(field.velocity_mps),
-        np.array(field.covariance_m2ps2),
+        *footprints(boxes, config.margin_m, grid.cell_m),
+        (
+            np.where(field.valid & field.occupied, weight, np.float32(0)),
+            np.array(field.velocity_mps),
+            np.array(field.covariance_m2ps2),
+        ),
         (grid.x_min_m, grid.y_min_m, grid.cell_m),
     )
     return _measurement(sums, config)
-
-
-def _footprints(boxes: Boxes, margin_m: float, cell_m: float) -> NDArray[np.float64]:
-    """(N, 6) centre x, y, half length, half width, cosine and sine of the heading."""
-    # a box thinner than a cell still owns the cells that its middle runs through
-    half_m = np.maximum(boxes.size_m[:, :2] / 2 + margin_m, cell_m / np.sqrt(2))
-    return np.column_stack(
-        [boxes.centre_m[:, :2], half_m, np.cos(boxes.yaw_rad), np.sin(boxes.yaw_rad)]
-    )
 
 
 def _measurement(sums: NDArray[np.float64], config: VelocityConfig) -> VelocityMeasurement:
@@ -91,32 +86,32 @@ def _symmetric(entries: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True)
 def _sums(
-    boxes: NDArray[np.float64],
-    weight: NDArray[np.float32],
-    velocity_mps: NDArray[np.float32],
-    covariance_m2ps2: NDArray[np.float32],
+    edges: NDArray[np.float64],
+    start: NDArray[np.int64],
+    cells: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
     extent: tuple[float, float, float],
 ) -> NDArray[np.float64]:
-    """Weighted sums of velocity and covariance over the cells inside each box."""
+    """Weighted sums of velocity and covariance over the cells inside each footprint.
+
+    `cells` are weight, velocity and covariance of the grid; see `footprints` for the first two.
+    """
+    weight, velocity_mps, covariance_m2ps2 = cells
     x_min_m, y_min_m, cell_m = extent
     rows, cols = weight.shape
-    sums = np.zeros((len(boxes), 11))
-    for b in range(len(boxes)):
-        x_m, y_m, half_length, half_width, cos, sin = boxes[b]
-        reach_m = np.hypot(half_length, half_width)
-        row_low = max(int((y_m - reach_m - y_min_m) // cell_m), 0)
-        row_high = min(int((y_m + reach_m - y_min_m) // cell_m), rows - 1)
-        col_low = max(int((x_m - reach_m - x_min_m) // cell_m), 0)
-        col_high = min(int((x_m + reach_m - x_min_m) // cell_m), cols - 1)
+    sums = np.zeros((len(start) - 1, 11))
+    for b in range(len(start) - 1):
+        first, last = start[b], start[b + 1]
+        low_x, high_x, low_y, high_y = edges[first, 3:]
+        row_low = max(int((low_y - y_min_m) // cell_m), 0)
+        row_high = min(int((high_y - y_min_m) // cell_m), rows - 1)
+        col_low = max(int((low_x - x_min_m) // cell_m), 0)
+        col_high = min(int((high_x - x_min_m) // cell_m), cols - 1)
         for row in range(row_low, row_high + 1):
-            dy = y_min_m + (row + 0.5) * cell_m - y_m
+            y = y_min_m + (row + 0.5) * cell_m
             for col in range(col_low, col_high + 1):
-                dx = x_min_m + (col + 0.5) * cell_m - x_m
-                inside = abs(dx * cos + dy * sin) <= half_length
-                inside &= abs(dy * cos - dx * sin) <= half_width
-                if inside and weight[row, col] > 0:
-                    w = weight[row, col]
-                    vx, vy = velocity_mps[row, col]
+                w = weight[row, col]
+                if w > 0 and _inside(edges, first, last, x_min_m + (col + 0.5) * cell_m, y):
+                    vx, vy = velocity_mps[row, col, 0], velocity_mps[row, col, 1]
                     sums[b, 0] += w
                     sums[b, 1] += w * w
                     sums[b, 2] += w * vx
@@ -129,3 +124,11 @@ def _sums(
                     sums[b, 9] += w * covariance_m2ps2[row, col, 1, 1]
                     sums[b, 10] += 1
     return sums
+
+
+@njit(cache=True)
+def _inside(edges: NDArray[np.float64], first: int, last: int, x: float, y: float) -> bool:
+    outside_m = -np.inf
+    for e in range(first, last):
+        outside_m = max(outside_m, edges[e, 0] * x + edges[e, 1] * y - edges[e, 2])
+    return outside_m <= 0.0
