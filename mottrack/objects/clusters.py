@@ -13,11 +13,11 @@ from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
 from mottrack.core.objects import Objects
 from mottrack.core.sweep import Sweep
+from mottrack.geometry.hulls import HullSet, hulls_of_groups
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.terrain import GroundHeight, Terrain, TerrainConfig
 from mottrack.objects.cluster_points import ClusterPoints, group_points, kept_points
 from mottrack.objects.clustering import box_mask, component_labels, split_large
-from mottrack.objects.hulls import HullSet, hulls_of_groups
 from mottrack.objects.reference import ReferenceConfig, position_covariance, reference_points
 
 F64 = NDArray[np.float64]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.geometry.hulls import HullSet
 from mottrack.objects.cluster_points import ClusterPoints
-from mottrack.objects.hulls import HullSet
 
 F64 = NDArray[np.float64]
 Rule = Literal["hull_centroid", "rectangle_centre", "nearest_corner", "cell_mean"]
