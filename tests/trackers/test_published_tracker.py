@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -10,12 +11,10 @@ import numpy as np
 import pytest
 
 from mottrack.core.objects import Objects
-from mottrack.core.pose import wrap_angle
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.kalman.noise_table import published
 
 CLASSES = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
-STEP_NS = 500_000_000
 
 
 @pytest.fixture(scope="module")
@@ -28,34 +27,6 @@ def prototype(shared_data: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def workload(seed: int, frames: int = 60, crowd: int = 60) -> list[Objects]:
-    """Objects that drive, turn their boxes round, are missed, and fall silent by class."""
-    rng = np.random.default_rng(seed)
-    label = rng.choice(CLASSES, crowd)
-    place = rng.uniform(-40, 40, (crowd, 2))
-    speed = rng.normal(0, 2, (crowd, 2))
-    yaw = rng.uniform(-np.pi, np.pi, crowd)
-    stream = []
-    for k in range(frames):
-        seen = rng.random(crowd) < 0.8
-        seen &= ~np.isin(label, rng.choice(CLASSES, 2)) | (rng.random() < 0.7)
-        n = int(seen.sum())
-        xy = place[seen] + speed[seen] * 0.5 * k + rng.normal(0, 0.3, (n, 2))
-        heading = yaw[seen] + np.where(rng.random(n) < 0.2, np.pi, 0) + rng.normal(0, 0.3, n)
-        stream.append(
-            Objects(
-                stamp_ns=k * STEP_NS,
-                frame="world",
-                centre_m=np.column_stack([xy, rng.normal(0, 0.2, n)]),
-                size_m=np.abs(rng.normal([4, 2, 1.5], 0.2, (n, 3))),
-                yaw_rad=wrap_angle(heading),
-                label=label[seen],
-                score=rng.random(n),
-            )
-        )
-    return stream
 
 
 def prototype_frames(module: ModuleType, stream: list[Objects]) -> list[dict[int, Any]]:
@@ -82,7 +53,9 @@ def prototype_frames(module: ModuleType, stream: list[Objects]) -> list[dict[int
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_same_ids_states_and_scores(prototype: ModuleType, seed: int) -> None:
+def test_same_ids_states_and_scores(
+    prototype: ModuleType, workload: Callable[..., list[Objects]], seed: int
+) -> None:
     stream = workload(seed)
     tracker = KalmanTracker(KalmanTracker.Config(preset="stanford_iprl_tri"))
     seen: dict[int, int] = defaultdict(int)

@@ -13,8 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.noise_model import pair_growth
-from mottrack.trackers.kalman.state import CV_SIZE, MOVING, PLANAR, RATE
+from mottrack.trackers.kalman.state import (
+    CV_SIZE,
+    MOVING,
+    PLANAR,
+    RATE,
+    SIZE,
+    SMALLEST_SIZE_M,
+    YAW,
+)
 from mottrack.trackers.kalman.two_by_two import inverse_2x2
 
 F64 = NDArray[np.float64]
@@ -63,8 +72,11 @@ class BlockBank:
         """(N, 5) variances of z, yaw, l, w, h."""
         return self._variance[:, 2:]
 
-    def append(self, mean: F64, variance: F64, velocity_covariance: F64) -> None:
-        """Adds n tracks: mean (n, 11), variance (n, 11), velocity covariance (n, 2, 2)."""
+    def append(self, mean: F64, variance: F64, velocity_covariance: F64, model: I64) -> None:
+        """Adds n tracks: mean (n, 11), variance (n, 11), velocity covariance (n, 2, 2).
+
+        `model` is of no consequence: every track here moves at constant velocity.
+        """
         new = BlockBank(wiener=self._wiener)
         new.mean, new._variance = mean, variance[:, :7]
         new._cross, new._rate_variance = np.zeros((len(mean), 4)), variance[:, 7:11]
@@ -99,6 +111,12 @@ class BlockBank:
             self._planar[:, i, i + 2] += cross[:, :2]
             self._planar[:, i + 2, i] += cross[:, :2]
             self._planar[:, i + 2, i + 2] += rate[:, :2]
+        self.mean[:, YAW] = wrap_angle(self.mean[:, YAW])
+        self.mean[:, SIZE] = np.maximum(self.mean[:, SIZE], SMALLEST_SIZE_M)
+
+    def turn(self, rows: I64) -> None:
+        """Turns the boxes of `rows` round by half a turn."""
+        self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW] + np.pi)
 
     def update_box(self, rows: I64, residual: F64, position: F64, axial: F64) -> None:
         """Corrects `rows` (n,) by box residuals (n, 7).
@@ -114,6 +132,7 @@ class BlockBank:
         else:
             self._correct(rows, np.arange(2, 7), residual[:, 2:], axial)
             self._correct_planar(rows, 0, residual[:, :2], position)
+        self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW])
 
     def update_velocity(self, rows: I64, residual: F64, covariance: F64) -> None:
         """Corrects `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""

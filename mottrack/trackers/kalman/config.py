@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
 from mottrack.trackers.kalman.presets import PRESETS
 from mottrack.trackers.lifecycle import LifeConfig
 
+Motion = Literal["cv", "ca", "ctrv", "bicycle", "imm"]
 Variance = tuple[float, ...]
 
 
@@ -27,6 +30,9 @@ class ClassNoise(StrictModel):
     )
     along_ratio: float = Field(
         1.0, ge=1.0, description="standard deviation of x, y along the heading over that across it"
+    )
+    across_ratio: float = Field(
+        1.0, gt=0, le=1, description="speed of a new track across its heading over that along it"
     )
     initial_acceleration: float = Field(4.0, gt=0, description="P0 of a_x, a_y in (m/s^2)^2")
     jerk: float = Field(1.0, gt=0, description="Q of a_x, a_y in (m/s^2)^2 per s")
@@ -69,7 +75,11 @@ class AssociationConfig(StrictModel):
     components: Literal["box", "position", "planar"] = Field(
         "box", description="what Mahalanobis compares: all seven, x y z, or x y"
     )
-    log_det: bool = Field(False, description="add ln det S to d^2: likelihood, not distance")
+    stray_per_m2: float | None = Field(
+        None,
+        gt=0,
+        description="density of new and false detections; a pair must be likelier than a stray",
+    )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
     method: Literal["greedy", "hungarian", "mutual_nearest"] = Field(
         "greedy", description="assignment of the gated pairs"
@@ -100,6 +110,40 @@ class NmsConfig(StrictModel):
     min_score: float | None = Field(None, description="drop weaker detections altogether")
 
 
+class MotionConfig(StrictModel):
+    """Motion model by class; `imm` follows several at once and weighs them."""
+
+    default: Motion = Field("cv", description="motion of classes not listed")
+    classes: dict[str, Motion] = Field(default_factory=dict, description="motion by class")
+    imm: tuple[Literal["cv", "ca", "ctrv", "bicycle"], ...] = Field(
+        ("cv", "ca", "ctrv"), min_length=2, description="the models that imm mixes"
+    )
+    switch_per_s: float = Field(0.2, gt=0, description="how often objects change their model")
+
+    def asked(self) -> tuple[str, ...]:
+        """The different motions asked for, sorted; indices of tracks' motions refer to it."""
+        return tuple(sorted({self.default, *self.classes.values()}))
+
+    def models(self) -> tuple[str, ...]:
+        """Every single model needed, sorted."""
+        asked = set(self.asked())
+        return tuple(sorted((asked - {"imm"}) | (set(self.imm) if "imm" in asked else set())))
+
+    def mixes(self) -> bool:
+        """Whether any class follows several models at once."""
+        return "imm" in self.asked()
+
+    def choices(self) -> NDArray[np.bool_]:
+        """Which models each of `asked` may follow, (asked, models)."""
+        allowed = [self.imm if motion == "imm" else (motion,) for motion in self.asked()]
+        return np.array([[model in some for model in self.models()] for some in allowed])
+
+    def index(self, labels: list[str]) -> NDArray[np.int64]:
+        """Position in `asked` of the motion of each class (C,)."""
+        asked = self.asked()
+        return np.array([asked.index(self.classes.get(c, self.default)) for c in labels], np.int64)
+
+
 class KalmanConfig(StrictModel):
     """Settings of `KalmanTracker`; `preset` fills in whatever is not given."""
 
@@ -113,6 +157,7 @@ class KalmanConfig(StrictModel):
         "vote", description="how opposite headings are told apart (both compare modulo pi)"
     )
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
+    motion: MotionConfig = Field(default_factory=MotionConfig)
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
     velocity: VelocityConfig = Field(default_factory=VelocityConfig)
     association: AssociationConfig = Field(default_factory=AssociationConfig)

@@ -22,6 +22,7 @@ class Motion:
     acceleration_mps2: float
     yaw_rate_rps: float
     along_ratio: float = 1.0
+    across_ratio: float = 1.0
 
 
 CORRELATION_S = 1.0

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.trackers.kalman.state import CA_SIZE
+
 F64 = NDArray[np.float64]
 
 
@@ -21,6 +23,7 @@ class NoiseRows:
     """
 
     observation: F64
+    across_ratio: F64
     along_ratio: F64
     initial: F64
     process: F64
@@ -29,6 +32,7 @@ class NoiseRows:
         """The rows that a mask or an index picks."""
         return NoiseRows(
             self.observation[index],
+            self.across_ratio[index],
             self.along_ratio[index],
             self.initial[index],
             self.process[index],
@@ -44,6 +48,18 @@ def position_covariance(noise: NoiseRows, yaw_rad: F64) -> F64:
         along = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
         extra = (noise.along_ratio**2 - 1.0) * variance.mean(axis=1)
         covariance += (extra[:, None, None]) * along[:, :, None] * along[:, None, :]
+    return covariance
+
+
+def initial_velocity_covariance(noise: NoiseRows, yaw_rad: F64) -> F64:
+    """Covariance (N, 2, 2) of a new track's velocity: objects drive along their heading."""
+    if (noise.across_ratio == 1.0).all():
+        return np.asarray(noise.initial[:, 7:9, None] * np.eye(2))
+    variance = noise.initial[:, 7:9].mean(axis=1)
+    along = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
+    across = variance * noise.across_ratio**2
+    covariance = across[:, None, None] * np.eye(2)
+    covariance += (variance - across)[:, None, None] * along[:, :, None] * along[:, None, :]
     return covariance
 
 
@@ -63,3 +79,35 @@ def pair_growth(process: F64, dt_s: F64, wiener: bool) -> tuple[F64, F64, F64]:
         on_rate * dt**2 / 2.0,
         on_rate * dt,
     )
+
+
+def process_covariance(process: F64, dt_s: F64, model: str, size: int, wiener: bool) -> F64:
+    """Q (N, D, D) of a motion model over a step; `process` (N, 13) per unit of time."""
+    full = np.zeros((len(process), size, size))
+    var, cross, rate = pair_growth(process, dt_s, wiener)
+    if model == "ca":
+        var[:, :2], cross[:, :2], rate[:, :2] = _jerk_growth(process, dt_s)
+    pair = np.arange(4)
+    full[:, pair, pair], full[:, pair + 7, pair + 7] = var, rate
+    full[:, pair, pair + 7] = full[:, pair + 7, pair] = cross
+    axis = np.arange(4, 7)
+    full[:, axis, axis] = process[:, 4:7] * dt_s[:, None]
+    if size == CA_SIZE:
+        _add_acceleration(full, process[:, 11:], dt_s, coupled=model == "ca")
+    return full
+
+
+def _jerk_growth(process: F64, dt_s: F64) -> tuple[F64, F64, F64]:
+    """Position and velocity under white jerk j: j t^5 / 20, j t^4 / 8, j t^3 / 3."""
+    dt, jerk = dt_s[:, None], process[:, 11:]
+    return process[:, :2] * dt + jerk * dt**5 / 20, jerk * dt**4 / 8, jerk * dt**3 / 3
+
+
+def _add_acceleration(full: F64, jerk: F64, dt_s: F64, *, coupled: bool) -> None:
+    """Noise of (a_x, a_y): white jerk, or, for models without it, a spread about zero."""
+    dt = dt_s[:, None]
+    axis, speed, force = np.arange(2), np.arange(7, 9), np.arange(11, 13)
+    full[:, force, force] = jerk * (dt if coupled else 1.0)
+    if coupled:
+        full[:, axis, force] = full[:, force, axis] = jerk * dt**3 / 6
+        full[:, speed, force] = full[:, force, speed] = jerk * dt**2 / 2

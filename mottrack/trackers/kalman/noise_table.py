@@ -33,6 +33,7 @@ def physical(motion: default_noise.Motion) -> ClassNoise:
         initial=initial,
         process=process,
         along_ratio=motion.along_ratio,
+        across_ratio=motion.across_ratio,
         initial_acceleration=motion.acceleration_mps2**2,
         jerk=2.0 * motion.acceleration_mps2**2 / default_noise.CORRELATION_S,
     )
@@ -75,6 +76,7 @@ class NoiseTable:
         self._packed = NoiseRows(
             observation=np.array([r.observation for r in rows]),
             along_ratio=np.array([r.along_ratio for r in rows]),
+            across_ratio=np.array([r.across_ratio for r in rows]),
             initial=np.array([(*r.initial, *[r.initial_acceleration] * 2) for r in rows]),
             process=np.array([(*r.process, *[r.jerk] * 2) for r in rows]),
         )

@@ -58,7 +58,7 @@ def mahalanobis_cost(
 
     S = H P H' + R is taken block by block: (x, y), the numbers of `config.components`, and where
     a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or with `log_det`
-    d^2 + ln det S of the centre: a wide track then does not take what a sharp one explains better.
+    XX
     """
     i, j = pairs
     planar, offset = tracks.planar[j], seen.box[i, :2] - tracks.mean[j, :2]
@@ -69,9 +69,11 @@ def mahalanobis_cost(
     distance = np.sqrt(squared)
     if config.float32:
         distance = distance.astype(np.float32).astype(np.float64)
-    if not config.log_det:
+    if config.stray_per_m2 is None:
         return distance, distance
-    return distance, squared - np.log(np.linalg.det(inverse))
+    surprise = squared - np.log(np.linalg.det(inverse)) + 2.0 * np.log(2.0 * np.pi)
+    unlikely = surprise > -2.0 * np.log(config.stray_per_m2)
+    return np.where(unlikely, np.inf, distance), surprise
 
 
 def _axial(seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig) -> F64:

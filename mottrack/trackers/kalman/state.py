@@ -19,3 +19,6 @@ AXIAL = [2, 3, 4, 5, 6]
 BOX_SIZE = 7
 CV_SIZE = 11
 CA_SIZE = 13
+
+SMALLEST_SIZE_M = 0.01
+"""A box never shrinks to nothing, whatever its noise."""

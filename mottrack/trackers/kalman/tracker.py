@@ -10,19 +10,19 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.book import TrackBook, newborn
-from mottrack.trackers.kalman.block_bank import BlockBank
+from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
 from mottrack.trackers.kalman.matching import Predicted, match
+from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual
-from mottrack.trackers.kalman.state import BOX_SIZE, CV_SIZE, SIZE, VELOCITY, YAW
+from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.lifecycle import Life, record_hits
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-SMALLEST_SIZE_M = 0.01
 FLIP_LIMIT = 3
 
 
@@ -38,7 +38,7 @@ class KalmanTracker:
     def __init__(self, config: KalmanConfig | None = None) -> None:
         self.config = config or KalmanConfig()
         self._table = NoiseTable(self.config.noise)
-        self._bank = BlockBank(wiener=self.config.noise.form == "wiener")
+        self._bank = make_bank(self.config)
         self._book = TrackBook.empty()
         self._life = Life(self.config.life)
         self._next_id = 1
@@ -75,10 +75,8 @@ class KalmanTracker:
         return (stamp_ns - self._stamp_ns) * 1e-9
 
     def _predict(self, active: NDArray[np.bool_], duration: float) -> None:
-        bank = self._bank
-        bank.predict(np.where(active, duration, 0.0), self._table.rows(self._book.label).process)
-        bank.mean[:, YAW] = wrap_angle(bank.mean[:, YAW])
-        bank.mean[:, SIZE] = np.maximum(bank.mean[:, SIZE], SMALLEST_SIZE_M)
+        process = self._table.rows(self._book.label).process
+        self._bank.predict(np.where(active, duration, 0.0), process)
 
     def _match(self, seen: Detections, active: I64) -> tuple[I64, I64]:
         bank = self._bank
@@ -97,7 +95,6 @@ class KalmanTracker:
         bank.update_box(rows, residual, seen.position[columns], seen.axial[columns])
         moving = seen.moving[columns]
         self._correct_velocity(rows[moving], columns[moving], seen)
-        bank.mean[rows, YAW] = wrap_angle(bank.mean[rows, YAW])
 
     def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
         residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
@@ -110,7 +107,7 @@ class KalmanTracker:
             votes = self._book.flips[rows] + np.where(opposite, -1, 1)
             opposite = votes < 0
             self._book.flips[rows] = np.minimum(np.abs(votes), FLIP_LIMIT)
-        self._bank.mean[rows[opposite], YAW] += np.pi
+        self._bank.turn(rows[opposite])
 
     def _bear(self, columns: I64, seen: Detections, stamp_ns: int) -> None:
         """Starts a track at each unmatched detection that may start one."""
@@ -118,14 +115,16 @@ class KalmanTracker:
         if lowest is not None:
             columns = columns[seen.score[columns] >= lowest]
         new = seen.select(columns)
-        initial = self._table.rows(new.label).initial[:, :CV_SIZE]
+        noise = self._table.rows(new.label)
         taken = new.moving & (self.config.velocity.birth == "replace")
-        mean = np.hstack([new.box, np.zeros((len(new), CV_SIZE - BOX_SIZE))])
+        size = self._bank.size
+        mean = np.hstack([new.box, np.zeros((len(new), size - BOX_SIZE))])
         mean[taken, VELOCITY] = new.velocity[taken]
-        covariance = initial[:, VELOCITY, None] * np.eye(2)
+        covariance = initial_velocity_covariance(noise, new.box[:, YAW])
         covariance[taken] = new.velocity_covariance[taken]
         first = len(self._bank)
-        self._bank.append(mean, initial, covariance)
+        model = self.config.motion.index(self._table.labels)[new.label]
+        self._bank.append(mean, noise.initial[:, :size], covariance, model)
         weighed = np.flatnonzero(new.moving & ~taken)
         self._correct_velocity(first + weighed, weighed, new)
         book = newborn(self._next_id, new.label, new.score, stamp_ns)
