@@ -1,0 +1,60 @@
+"""The shape of a PillarFlow network as plain data (paper, section III)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+
+
+class NetworkConfig(StrictModel):
+    """Widths, levels and reach of one network; `presets` names the usual ones.
+
+    Level `l` of the pyramid has cells of `cell_m * stem_stride * 2**l` metres.
+    """
+
+    cell_m: float = Field(0.5, gt=0, description="edge of a pillar [m]")
+    encoder: Literal["pillars", "binary"] = Field(
+        "pillars", description="learned pillars (III-A) or the binary occupancy of IV-C"
+    )
+    backbone: Literal["pwc", "spynet", "flownet"] = Field(
+        "pwc", description="flow network behind the encoder (Table II)"
+    )
+    pillar_channels: int = Field(24, ge=1, description="C of the pseudo-image")
+    stem_stride: Literal[1, 2] = Field(1, description="stride of the first convolution")
+    pyramid_channels: tuple[int, ...] = Field((24, 40, 56), description="width of each level")
+    convs_per_level: int = Field(2, ge=1, description="3x3 convolutions of a pyramid level")
+    finest_level: int = Field(0, ge=0, description="finest level that is decoded")
+    displacement: int = Field(3, ge=1, description="reach of a cost volume in cells")
+    rest_displacement: int = Field(
+        1, ge=0, description="reach of the second, unwarped cost volume (is it at rest?)"
+    )
+    match_channels: int = Field(16, ge=0, description="1x1 projection before matching; 0: none")
+    estimator_channels: tuple[int, ...] = Field((40, 32, 24), description="flow estimator")
+    dense: bool = Field(False, description="DenseNet links inside an estimator (PWC-Net)")
+    upfeat_channels: int = Field(8, ge=1, description="features handed to the next level")
+    context_channels: tuple[int, ...] = Field((24, 24, 24), description="context network")
+    context_dilations: tuple[int, ...] = Field((1, 2, 4), description="one per context layer")
+    visibility: bool = Field(True, description="unseen and seen-free of both sweeps as channels")
+
+    @property
+    def levels(self) -> int:
+        """Number of pyramid levels."""
+        return len(self.pyramid_channels)
+
+    @property
+    def strides(self) -> tuple[int, ...]:
+        """Stride of each level in pillars, finest first."""
+        return tuple(self.stem_stride * 2**level for level in range(self.levels))
+
+    @property
+    def output_stride(self) -> int:
+        """Stride of the flow that leaves the network, in pillars."""
+        return self.strides[self.finest_level]
+
+    @property
+    def multiple(self) -> int:
+        """Height and width of the pseudo-image must be multiples of this."""
+        return self.strides[-1] * (2 if self.backbone == "flownet" else 1)

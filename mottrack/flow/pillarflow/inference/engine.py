@@ -1,0 +1,91 @@
+"""A trained network made ready to run: numpy points in, motion and covariance out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from mottrack.flow.pillarflow.descriptors import CellGrid
+from mottrack.flow.pillarflow.inference.fold import folded, folded_linear
+from mottrack.flow.pillarflow.inference.pillars import binary_image, pillar_image
+from mottrack.flow.pillarflow.layers import channels_last
+from mottrack.flow.pillarflow.network import Estimate
+from mottrack.flow.pillarflow.pillar_net import PillarEncoder
+from mottrack.flow.pillarflow.weights_file import Weights
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The network's word on its own cells, in metres over the interval."""
+
+    motion_m: Floats
+    """(rows,columns,2) way of each cell since the previous sweep."""
+    covariance_m2: Floats
+    """(rows,columns,2,2) covariance of its error."""
+    stride: int
+    """Pillars along the edge of one of these cells."""
+
+
+class Engine(Protocol):
+    """Runs one network on one device."""
+
+    def run(self, previous: Floats, current: Floats, seen: Floats, cells: CellGrid) -> Motion:
+        """Points (N,4) of both sweeps and seen (4,rows,columns) -> motion."""
+        ...
+
+
+class CpuEngine:
+    """Folded weights, channels-last convolutions, numba pillars and cost volumes."""
+
+    def __init__(self, weights: Weights) -> None:
+        """Fold once; the weights are left as they are."""
+        config = weights.network.config
+        self.stride, self.scale = config.output_stride, weights.covariance_scale
+        flow = folded(weights.network.flow)
+        self.flow = channels_last(flow)
+        encoder = weights.network.encoder
+        self.layer: tuple[Floats, Floats] | None = None
+        if isinstance(encoder, PillarEncoder):
+            weight, bias = folded_linear(encoder)
+            self.layer = weight.numpy(), bias.numpy()
+
+    def image(self, points: Floats, cells: CellGrid) -> Floats:
+        """Pseudo-image (rows,columns,C) of one sweep."""
+        if self.layer is None:
+            return binary_image(points, cells)
+        return pillar_image(points, cells, *self.layer)
+
+    def run(self, previous: Floats, current: Floats, seen: Floats, cells: CellGrid) -> Motion:
+        """Points (N,4) of both sweeps and seen (4,rows,columns) -> motion."""
+        images = [_batched(self.image(points, cells)) for points in (current, previous)]
+        return self.flow_of(images[0], images[1], torch.from_numpy(seen)[None])
+
+    @torch.inference_mode()
+    def flow_of(self, current: torch.Tensor, previous: torch.Tensor, seen: torch.Tensor) -> Motion:
+        """Pseudo-images (1,C,H,W), channels last -> motion."""
+        return as_motion(self.flow(current, previous, seen), self.stride, self.scale)
+
+
+def as_motion(estimate: Estimate, stride: int, covariance_scale: float) -> Motion:
+    """The first row of a batch as arrays."""
+    motion = estimate.motions[-1][0].permute(1, 2, 0).float().cpu().numpy()
+    factor = estimate.factor[0].permute(1, 2, 0).float().cpu().numpy()
+    return Motion(np.ascontiguousarray(motion), covariance_of(factor, covariance_scale), stride)
+
+
+def covariance_of(factor: Floats, scale: float) -> Floats:
+    """L L^T (...,2,2) from (log L_xx, L_yx, log L_yy) (...,3), times `scale`."""
+    xx, yx, yy = np.exp(factor[..., 0]), factor[..., 1], np.exp(factor[..., 2])
+    rows = ((xx * xx, xx * yx), (xx * yx, yx * yx + yy * yy))
+    stacked = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    return (scale * stacked).astype(np.float32)
+
+
+def _batched(image: Floats) -> torch.Tensor:
+    return torch.from_numpy(image)[None].permute(0, 3, 1, 2)

@@ -1,0 +1,61 @@
+"""The network's own cells beside those of the interface, and what both sweeps saw of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.grid import BevGrid
+from mottrack.flow.pillarflow.descriptors import CellGrid
+from mottrack.lidar.visibility import FREE, UNSEEN
+
+Floats = NDArray[np.float32]
+
+
+def network_cells(grid: BevGrid, cell_m: float, multiple: int) -> CellGrid:
+    """Cells of the network that cover `grid`, padded at the far edges to a `multiple`."""
+    columns = math.ceil((grid.x_max_m - grid.x_min_m) / cell_m - 1e-6)
+    rows = math.ceil((grid.y_max_m - grid.y_min_m) / cell_m - 1e-6)
+    rows, columns = (math.ceil(n / multiple) * multiple for n in (rows, columns))
+    return CellGrid(grid.x_min_m, grid.y_min_m, cell_m, rows, columns)
+
+
+def cell_of_centres(grid: BevGrid, cells: CellGrid) -> NDArray[np.int64]:
+    """(H,W) flat network cell that holds the centre of each cell of `grid`."""
+    centres = grid.centres_m()
+    columns = np.floor((centres[..., 0] - cells.x_min_m) / cells.cell_m)
+    rows = np.floor((centres[..., 1] - cells.y_min_m) / cells.cell_m)
+    return (rows * cells.columns + columns).astype(np.int64)
+
+
+def share(mask: NDArray[np.bool_], index: NDArray[np.int64], cells: CellGrid) -> Floats:
+    """(rows,columns) share of the interface cells inside each network cell that are set."""
+    total = np.bincount(index.ravel(), minlength=cells.cells)
+    hits = np.bincount(index.ravel(), weights=mask.ravel(), minlength=cells.cells)
+    shares = hits / np.maximum(total, 1)
+    return shares.reshape(cells.rows, cells.columns).astype(np.float32)
+
+
+def seen_shares(
+    seen: tuple[NDArray[np.int8] | None, NDArray[np.int8] | None],
+    index: NDArray[np.int64],
+    cells: CellGrid,
+) -> Floats:
+    """(4,rows,columns) unseen and seen-free shares of the current, then the previous sweep.
+
+    `seen` are the (H,W) rasters (current, previous) of `lidar.visibility`; all zero, which stands
+    for "not known", where there is none.
+    """
+    channels = np.zeros((4, cells.rows, cells.columns), np.float32)
+    for which, raster in enumerate(seen):
+        if raster is not None:
+            channels[2 * which] = share(raster == UNSEEN, index, cells)
+            channels[2 * which + 1] = share(raster == FREE, index, cells)
+    return channels
+
+
+def network_points(xyz_m: Floats, height_m: Floats, reflectance: Floats) -> Floats:
+    """(N,4) x, y, height above ground, reflectance: what a pillar sees of a point."""
+    return np.column_stack((xyz_m[:, :2], height_m, reflectance)).astype(np.float32)

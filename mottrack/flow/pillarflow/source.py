@@ -1,0 +1,148 @@
+"""PillarFlow and its binary rival as flow sources."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.core.errors import ConfigError
+from mottrack.core.grid import BevGrid
+from mottrack.core.motion import FlowField
+from mottrack.core.sweep import Sweep
+from mottrack.flow.elapsed import elapsed_seconds
+from mottrack.flow.kept_points import keep_points
+from mottrack.flow.pillarflow.raster import (
+    cell_of_centres,
+    network_cells,
+    network_points,
+    seen_shares,
+)
+from mottrack.flow.prepared import Prepared
+from mottrack.flow.stages import Stages, StagesConfig
+
+if TYPE_CHECKING:
+    from mottrack.flow.pillarflow.inference.engine import Engine, Motion
+
+
+class PillarFlowConfig(StrictModel):
+    """Which weights, where they run, and the stages around them."""
+
+    weights: str = Field("base", description="shipped weights by name, or a .safetensors file")
+    device: Literal["auto", "cpu", "cuda"] = Field(
+        "auto", description="auto: a GPU if there is one"
+    )
+    threads: int = Field(0, ge=0, description="CPU threads; 0: as the process is set")
+    stages: StagesConfig = Field(default_factory=StagesConfig)
+    refined: bool = Field(True, description="apply the stages after the network; off: raw network")
+    max_gap_s: float = Field(0.5, gt=0, description="over a longer gap nothing is measured")
+    max_sigma_mps: float = Field(5.0, gt=0, description="a less certain cell is not valid")
+
+
+class BinaryOgmConfig(PillarFlowConfig):
+    """The same with the weights of the binary occupancy network (section IV-C)."""
+
+    weights: str = Field("binary_ogm", description="shipped weights by name, or a file")
+
+
+class PillarFlow:
+    """Estimates a dense field of velocities with a learned network.
+
+    The raw network is `raw`; `estimate` applies the stages before it and, if `refined`, after it.
+    """
+
+    Config: type[PillarFlowConfig] = PillarFlowConfig
+
+    def __init__(
+        self, config: PillarFlowConfig | None = None, *, grid: BevGrid | None = None
+    ) -> None:
+        """Load the weights; raises DataError if they are absent or unusable."""
+        from mottrack.flow.pillarflow.weights_file import load_weights, weights_path
+
+        self.config = config or self.Config()
+        self.grid = grid or BevGrid()
+        self.stages = Stages(self.config.stages, self.grid)
+        weights = load_weights(weights_path(self.config.weights))
+        shape = weights.network.config
+        self.cells = network_cells(self.grid, shape.cell_m, shape.multiple)
+        self._index = cell_of_centres(self.grid, self.cells)
+        self._engine = _engine(weights, self.config)
+
+    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+        """The field at `current`; over a gap longer than `max_gap_s` no cell is valid.
+
+        Raises:
+            InputError: ``current`` is not later than ``previous``.
+        """
+        if elapsed_seconds(previous, current) > self.config.max_gap_s:
+            kept, _ = keep_points(current, self.config.stages.ground)
+            occupied = self.grid.occupancy(kept.xyz_m)
+            return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+        prepared = self.stages.before(previous, current)
+        field = self.raw(prepared)
+        return self.stages.after(field, prepared) if self.config.refined else field
+
+    def raw(self, prepared: Prepared) -> FlowField:
+        """The network alone, on a prepared pair; nothing is valid if either sweep is empty."""
+        occupied = self.grid.occupancy(prepared.current.xyz_m)
+        stamp_ns = prepared.current.stamp_ns
+        if not len(prepared.previous) or not occupied.any():
+            return FlowField.unmeasured(self.grid, occupied, stamp_ns)
+        then, now = prepared.previous, prepared.current
+        seen = (prepared.current_seen, prepared.previous_seen)
+        motion = self._engine.run(
+            network_points(then.xyz_m, prepared.previous_height_m, then.reflectance),
+            network_points(now.xyz_m, prepared.current_height_m, now.reflectance),
+            seen_shares(seen, self._index, self.cells),
+            self.cells,
+        )
+        return self._field(motion, occupied, prepared)
+
+    def reset(self) -> None:
+        """Nothing to forget: every pair stands for itself."""
+
+    def _field(self, motion: Motion, occupied: NDArray[np.bool_], prepared: Prepared) -> FlowField:
+        """The network's cells looked up for each cell of the grid, divided by the elapsed time."""
+        rows, columns = np.divmod(self._index, self.cells.columns)
+        rows, columns = rows // motion.stride, columns // motion.stride
+        covariance = motion.covariance_m2[rows, columns] / prepared.elapsed_s**2
+        velocity = motion.motion_m[rows, columns] / prepared.elapsed_s
+        variance = covariance[..., 0, 0] + covariance[..., 1, 1]
+        certain = variance < 2.0 * self.config.max_sigma_mps**2
+        return FlowField(
+            grid=self.grid,
+            velocity_mps=np.where(occupied[..., None], velocity, 0.0).astype(np.float32),
+            covariance_m2ps2=np.where(occupied[..., None, None], covariance, 0.0).astype(
+                np.float32
+            ),
+            occupied=occupied,
+            valid=occupied & certain,
+            weight=occupied.astype(np.float32),
+            stamp_ns=prepared.current.stamp_ns,
+        )
+
+
+class BinaryOgmFlow(PillarFlow):
+    """The one-channel network on binary occupancy (section IV-C)."""
+
+    Config = BinaryOgmConfig
+
+
+def _engine(weights: object, config: PillarFlowConfig) -> Engine:
+    import torch
+
+    from mottrack.flow.pillarflow.inference.cuda import CudaEngine
+    from mottrack.flow.pillarflow.inference.engine import CpuEngine
+    from mottrack.flow.pillarflow.weights_file import Weights
+
+    if not isinstance(weights, Weights):
+        raise TypeError(f"weights are {type(weights).__name__}, expected Weights")
+    available = torch.cuda.is_available()
+    if config.device == "cuda" and not available:
+        raise ConfigError("flow.device is cuda, expected cpu or auto: no GPU is available")
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    return CudaEngine(weights) if available and config.device != "cpu" else CpuEngine(weights)

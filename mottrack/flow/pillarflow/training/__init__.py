@@ -1,0 +1,1 @@
+"""How PillarFlow learns: examples, augmentation, targets, loss, trainer (III-C, IV-B)."""

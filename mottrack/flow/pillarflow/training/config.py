@@ -1,0 +1,53 @@
+"""Everything that decides how a network is trained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig
+from mottrack.flow.pillarflow.training.crop import CropConfig
+from mottrack.flow.pillarflow.training.losses import LossConfig
+from mottrack.flow.pillarflow.training.schedule import ScheduleConfig
+
+
+class ExamplesConfig(StrictModel):
+    """Where the examples come from; they are made ahead, once, and kept as shards."""
+
+    source: str = Field("synthetic", description="`synthetic`, or any data set with tracks")
+    root: Path | None = Field(None, description="directory of a recorded data set")
+    seed: int = Field(1, ge=0, description="seed of the embedded world")
+    pairs: int = Field(6000, ge=1, description="number of examples")
+    validation_seed: int = Field(900_001, ge=0, description="seed of the held-out pairs")
+    validation_pairs: int = Field(50, ge=1, description="number of held-out examples")
+    ground: bool = Field(True, description="remove the ground (off: the ablation of Table II)")
+    per_shard: int = Field(50, ge=1, description="examples in a shard")
+    workers: int = Field(2, ge=1, description="processes that make shards")
+
+
+class TrainConfig(StrictModel):
+    """One training run."""
+
+    network: str = Field("base", description="name of a preset")
+    examples: ExamplesConfig = Field(default_factory=ExamplesConfig)
+    crop: CropConfig = Field(default_factory=CropConfig)
+    augmentation: AugmentationConfig = Field(default_factory=AugmentationConfig)
+    loss: LossConfig = Field(default_factory=LossConfig)
+    optimiser: Literal["adamw", "adam"] = Field("adamw", description="adam is the paper's")
+    learning_rate: float = Field(3e-3, gt=0, description="largest learning rate")
+    weight_decay: float = Field(1e-4, ge=0, description="decoupled (adamw) or not (adam)")
+    clip: float = Field(1.0, gt=0, description="largest norm of the gradient")
+    schedule: ScheduleConfig = Field(default_factory=ScheduleConfig)
+    steps: int = Field(10_000, ge=1, description="length of the run; may grow on resume")
+    batch: int = Field(8, ge=1, description="crops a step and process")
+    ema: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights")
+    seed: int = Field(0, ge=0, description="of the weights and the stream of crops")
+    precision: Literal["fp32", "bf16", "fp16"] = Field("fp32", description="of the convolutions")
+    threads: int = Field(0, ge=0, description="CPU threads; 0: torch's choice")
+    loader_threads: int = Field(1, ge=1, description="threads that make batches ahead")
+    log_every: int = Field(25, ge=1, description="steps to a point of the loss curve")
+    validate_every: int = Field(1000, ge=1, description="steps to a validation")
+    save_every: int = Field(500, ge=1, description="steps to a checkpoint")

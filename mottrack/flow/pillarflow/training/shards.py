@@ -1,0 +1,95 @@
+"""Examples on disk: safetensors shards, read by memory map so that they stream.
+
+Positions are stored as int16 of 2 mm (within 65 m), reflectance as a byte, so a pair of 64-ring
+sweeps takes about half a megabyte.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from mottrack.core.errors import DataError
+from mottrack.flow.pillarflow.training.example import Example
+
+STEP_M = 0.002
+_RAGGED = ("previous", "current", "previous_object", "current_object", "motion_m", "centre_m")
+
+
+def _packed(points: NDArray[np.float32]) -> NDArray[np.int16]:
+    scaled = np.column_stack((points[:, :3] / STEP_M, points[:, 3] * 255))
+    return np.clip(np.round(scaled), -32768, 32767).astype(np.int16)
+
+
+def _unpacked(points: NDArray[np.int16]) -> NDArray[np.float32]:
+    scale = np.array([STEP_M, STEP_M, STEP_M, 1 / 255], np.float32)
+    return points.astype(np.float32) * scale
+
+
+def write_shard(file: Path, examples: list[Example]) -> None:
+    """Write examples to one shard, atomically."""
+    columns: dict[str, NDArray[Any]] = {}
+    for name in _RAGGED:
+        parts = [getattr(example, name) for example in examples]
+        lengths = [len(part) for part in parts]
+        columns[f"{name}.start"] = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        joined = np.concatenate(parts)
+        columns[name] = _packed(joined) if name in ("previous", "current") else joined
+    columns["seen"] = np.stack([example.seen for example in examples])
+    columns["elapsed_s"] = np.array([example.elapsed_s for example in examples])
+    temporary = file.with_suffix(".part")
+    save_file({k: np.ascontiguousarray(v) for k, v in columns.items()}, temporary)
+    temporary.replace(file)
+
+
+class Shards:
+    """All shards of a directory as one sequence of examples."""
+
+    def __init__(self, directory: Path) -> None:
+        """Open the shards in order of name; raises DataError where there is none or one is torn."""
+        files = sorted(directory.glob("*.safetensors"))
+        if not files:
+            raise DataError(directory, "shards", "absent", "*.safetensors files of examples")
+        self._shards = [_opened(file) for file in files]
+        counts = [len(shard["elapsed_s"]) for shard in self._shards]
+        self._starts = np.concatenate([[0], np.cumsum(counts)])
+
+    def __len__(self) -> int:
+        return int(self._starts[-1])
+
+    def __getitem__(self, index: int) -> Example:
+        which = int(np.searchsorted(self._starts, index, side="right")) - 1
+        shard, row = self._shards[which], index - int(self._starts[which])
+        parts = {name: _part(shard, name, row) for name in _RAGGED}
+        return Example(
+            previous=_unpacked(parts.pop("previous")),
+            current=_unpacked(parts.pop("current")),
+            seen=shard["seen"][row],
+            elapsed_s=float(shard["elapsed_s"][row]),
+            **parts,
+        )
+
+
+def _part(shard: dict[str, Any], name: str, row: int) -> NDArray[Any]:
+    start = shard[f"{name}.start"]
+    part: NDArray[Any] = shard[name][int(start[row]) : int(start[row + 1])]
+    return part
+
+
+def _opened(file: Path) -> dict[str, Any]:
+    """Small columns in memory, the large ones as slices of the mapped file."""
+    try:
+        handle: Any = safe_open(file, framework="np")
+        names = set(handle.keys())
+        expected = {*_RAGGED, *(f"{name}.start" for name in _RAGGED), "seen", "elapsed_s"}
+        if names != expected:
+            raise DataError(file, "columns", sorted(names), f"{sorted(expected)}")
+        small = {n for n in names if n.endswith(".start")} | {"elapsed_s"}
+        return {n: handle.get_tensor(n) if n in small else handle.get_slice(n) for n in names}
+    except SafetensorError as error:
+        raise DataError(file, "content", str(error), "a safetensors file of examples") from error

@@ -1,0 +1,181 @@
+"""The trainer learns, resumes to the identical curve, and its data keep what they promise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from mottrack.core.errors import DataError
+from mottrack.flow.pillarflow.descriptors import CellGrid
+from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scaled_objects
+from mottrack.flow.pillarflow.training.batches import Sampler
+from mottrack.flow.pillarflow.training.config import TrainConfig
+from mottrack.flow.pillarflow.training.crop import CropConfig, cut, turn
+from mottrack.flow.pillarflow.training.example import EXAMPLE_GRID, Example
+from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
+from mottrack.flow.pillarflow.training.parallel import Place
+from mottrack.flow.pillarflow.training.run import finish
+from mottrack.flow.pillarflow.training.schedule import ScheduleConfig, rate
+from mottrack.flow.pillarflow.training.shards import Shards, write_shard
+from mottrack.flow.pillarflow.training.trainer import Trainer
+from mottrack.flow.pillarflow.weights_file import load_weights
+
+HERE = Place(0, 1, torch.device("cpu"))
+Boxes = Callable[..., Example]
+
+
+def _config(steps: int) -> TrainConfig:
+    return TrainConfig(
+        network="small",
+        steps=steps,
+        batch=2,
+        log_every=1,
+        validate_every=1000,
+        save_every=3,
+        threads=1,
+        schedule=ScheduleConfig(warm_up_steps=2),
+    )
+
+
+def test_resuming_gives_the_identical_loss_curve(tmp_path: Path, box_example: Boxes) -> None:
+    examples = [box_example(seed) for seed in range(4)]
+    whole = Trainer(_config(6), HERE, _made(tmp_path / "whole"))
+    whole.fit(examples, examples[:1], lambda _: None)
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(progress: object) -> None:
+        if progress.step == 4:
+            raise StoppedError
+
+    halves = _made(tmp_path / "halves")
+    with pytest.raises(StoppedError):
+        Trainer(_config(6), HERE, halves).fit(examples, examples[:1], stop)
+    again = Trainer(_config(6), HERE, halves)
+    assert again.progress.step == 3
+    again.fit(examples, examples[:1], lambda _: None)
+    assert again.progress.history == whole.progress.history
+
+
+def test_loss_falls_and_weights_can_be_read_back(tmp_path: Path, box_example: Boxes) -> None:
+    examples = [box_example(seed) for seed in range(4)]
+    trainer = Trainer(_config(20), HERE, _made(tmp_path / "run"))
+    progress = trainer.fit(examples, examples[:2], lambda _: None)
+    losses = [point["loss"] for point in progress.history if "loss" in point]
+    assert np.mean(losses[-5:]) < np.mean(losses[:5])
+    finish(trainer, progress, examples[:2], tmp_path / "run")
+    weights = load_weights(tmp_path / "run" / "weights.safetensors")
+    assert weights.network.config == trainer.network.config
+    assert (tmp_path / "run" / "curve.png").stat().st_size > 0
+
+
+def test_a_torn_checkpoint_is_named(tmp_path: Path, box_example: Boxes) -> None:
+    out = _made(tmp_path / "run")
+    trainer = Trainer(_config(1), HERE, out)
+    trainer.fit([box_example(0)], [box_example(0)], lambda _: None)
+    file = out / "checkpoint.safetensors"
+    file.write_bytes(file.read_bytes()[:5000])
+    with pytest.raises(DataError, match=r"checkpoint\.safetensors"):
+        Trainer(_config(2), HERE, out)
+
+
+def test_shards_give_back_the_examples(tmp_path: Path, box_example: Boxes) -> None:
+    examples = [box_example(seed, boxes=5 + seed) for seed in range(3)]
+    write_shard(tmp_path / "a.safetensors", examples[:2])
+    write_shard(tmp_path / "b.safetensors", examples[2:])
+    shards = Shards(tmp_path)
+    assert len(shards) == 3
+    for mine, theirs in zip(shards, examples, strict=True):
+        for field in fields(Example):
+            wanted, got = getattr(theirs, field.name), getattr(mine, field.name)
+            assert np.abs(np.asarray(wanted, float) - np.asarray(got, float)).max() < 2.1e-3
+    with pytest.raises(DataError, match="absent"):
+        Shards(_made(tmp_path / "none"))
+
+
+def test_scaling_keeps_the_motion_rigid(box_example: Boxes) -> None:
+    """Matching points of a scaled box still differ by the motion that the label says."""
+    example = box_example(0)
+    same = Example(
+        previous=np.column_stack(
+            (example.current[:, :2] - example.motion_m, example.current[:, 2:])
+        ),
+        **{f.name: getattr(example, f.name) for f in fields(Example) if f.name != "previous"},
+    )
+    scaled = scaled_objects(same, 0.3, np.random.default_rng(0))
+    away = scaled.current[:, :2] - scaled.previous[:, :2] - scaled.motion_m
+    assert np.abs(away).max() < 1e-5
+    assert np.abs(scaled.current - same.current).max() > 0.1
+
+
+def test_a_turned_crop_turns_the_motion_with_the_points(box_example: Boxes) -> None:
+    example, crop = box_example(0), CropConfig()
+    cells = CellGrid(-64.0, -64.0, 0.5, 256, 256)
+    turned = turn(np.random.default_rng(5))
+    one = cut(example, cells, np.eye(2, dtype=np.float32), crop)
+    two = cut(example, cells, turned, crop)
+    speeds = [np.sort(np.linalg.norm(c.motion_m, axis=0).ravel())[-40:] for c in (one, two)]
+    assert np.allclose(speeds[0][-1], speeds[1][-1], atol=1e-4)
+    place = example.current[np.argmax(np.linalg.norm(example.motion_m, axis=1))]
+    xy = turned @ place[:2]
+    row, column = int((xy[1] + 64) // 0.5), int((xy[0] + 64) // 0.5)
+    fastest = example.motion_m[np.argmax(np.linalg.norm(example.motion_m, axis=1))]
+    assert np.allclose(two.motion_m[:, row, column], turned @ fastest, atol=0.3)
+
+
+def test_objects_that_cannot_be_matched_are_masked(box_example: Boxes) -> None:
+    example = box_example(0)
+    lost = example.previous_object != 1
+    blind = Example(
+        previous=example.previous[lost],
+        previous_object=example.previous_object[lost],
+        **{
+            f.name: getattr(example, f.name)
+            for f in fields(Example)
+            if f.name not in ("previous", "previous_object")
+        },
+    )
+    grid = EXAMPLE_GRID
+    cells = CellGrid(grid.x_min_m, grid.y_min_m, grid.cell_m, 200, 200)
+    crop = cut(blind, cells, np.eye(2, dtype=np.float32), CropConfig())
+    place = example.current[example.current_object == 1][0]
+    row, column = int((place[1] + 50) // 0.5), int((place[0] + 50) // 0.5)
+    assert crop.mask[0, row, column] == 0.0
+    assert crop.mask.sum() > 100
+
+
+def test_a_batch_depends_on_seed_step_and_row_alone(box_example: Boxes) -> None:
+    examples = [box_example(seed) for seed in range(3)]
+    sampler = Sampler(examples, 0.5, CropConfig(), AugmentationConfig(), seed=7)
+    pair, single = sampler.batch(5, 2), sampler.batch(5, 1, first=1)
+    assert torch.equal(pair.target.motion_m[1:], single.target.motion_m)
+    assert torch.equal(sampler.batch(5, 2).pair.visibility, pair.pair.visibility)
+
+
+def test_buckets_weigh_each_speed_alike() -> None:
+    error = torch.tensor([[[1.0, 1.0, 1.0, 1.0, 2.0, 4.0]]])
+    speed = torch.tensor([[[0.0, 0.0, 0.0, 0.0, 1.0, 9.0]]])
+    mask = torch.ones(1, 1, 6, dtype=torch.bool)
+    config = LossConfig(static_weight=1.5)
+    assert float(bucket_mean(error, speed, mask, config)) == pytest.approx(1.5 + 2.0 + 4.0)
+
+
+def test_schedules() -> None:
+    flat = ScheduleConfig(kind="trapezoid", warm_up_steps=10, decay_share=0.5)
+    assert rate(flat, 0, 100) == pytest.approx(0.1)
+    assert rate(flat, 40, 100) == 1.0
+    assert rate(flat, 75, 100) == pytest.approx(0.5)
+    paper = ScheduleConfig(kind="exponential", warm_up_steps=0)
+    assert rate(paper, 35, 100) == pytest.approx(0.9**3)
+    assert rate(ScheduleConfig(kind="cosine", warm_up_steps=0), 100, 100) == pytest.approx(0.0)
+
+
+def _made(directory: Path) -> Path:
+    directory.mkdir(parents=True, exist_ok=True)
+    return directory
