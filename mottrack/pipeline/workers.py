@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, cast
 
 from mottrack.core.errors import MottrackError
 from mottrack.pipeline.experiment import Experiment
@@ -61,56 +62,107 @@ class Progress(Protocol):
         ...
 
 
+Work = Callable[[Task, OnFrame], None]
+DIED = "its process died (killed, out of memory, or a crash in a library)"
+
+
 @dataclass
 class _Worker:
     process: SpawnProcess
     connection: Connection
-    task: Task
-    attempt: int
-
-
-Work = Callable[[Task, OnFrame], None]
+    task: Task | None = None
 
 
 def run_tasks(
     tasks: Sequence[Task], work: Work, *, workers: int, progress: Progress
 ) -> list[Outcome]:
-    """Runs every task in processes of their own, at most ``workers`` at a time.
+    """Runs every task in one of ``workers`` processes.
 
     Each process computes with one thread, so that results do not depend on how many there are.
-    A task that raises fails at once; one whose process dies is tried twice.
+    A task that raises fails at once; one whose process dies is tried once more, in a new process.
 
     Returns:
         The outcomes in the order of the tasks.
     """
-    queue = deque((task, 1) for task in tasks)
-    running: dict[Connection, _Worker] = {}
-    outcomes: dict[str, Outcome] = {}
-    context = multiprocessing.get_context("spawn")
+    pool = _Pool(work, progress, deque(tasks))
     try:
-        while queue or running:
-            while queue and len(running) < max(workers, 1):
-                worker = _start(context, work, *queue.popleft())
-                running[worker.connection] = worker
-            for connection in wait(list(running)):
-                worker = running[connection]  # type: ignore[index]
-                outcome = _listen(worker, progress)
-                if outcome is None:
-                    continue
-                del running[worker.connection]
-                worker.process.join()
-                if outcome.error == DIED and worker.attempt < ATTEMPTS:
-                    queue.append((worker.task, worker.attempt + 1))
-                    continue
-                outcomes[outcome.scene] = outcome
-                progress.scene_ends(outcome)
+        for _ in range(min(max(workers, 1), len(tasks))):
+            pool.hire()
+        while pool.busy:
+            for connection in wait(list(pool.busy)):
+                pool.listen(pool.busy[cast(Connection, connection)])
     finally:
-        for worker in running.values():
+        pool.dismiss()
+    return [pool.outcomes[task.scene] for task in tasks]
+
+
+@dataclass
+class _Pool:
+    """Processes that live on from task to task, and who does what."""
+
+    work: Work
+    progress: Progress
+    queue: deque[Task]
+    busy: dict[Connection, _Worker] = field(default_factory=dict)
+    idle: list[_Worker] = field(default_factory=list)
+    outcomes: dict[str, Outcome] = field(default_factory=dict)
+    deaths: Counter[str] = field(default_factory=Counter)
+
+    def hire(self) -> None:
+        """Starts a process and gives it a task."""
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, self.work), daemon=True)
+        with _one_thread():
+            process.start()
+        theirs.close()
+        self._give_task(_Worker(process, ours))
+
+    def listen(self, worker: _Worker) -> None:
+        """Takes one message of a worker: how far it is, the end of its task, or its death."""
+        task = worker.task
+        if task is None:
+            return
+        try:
+            message = worker.connection.recv()
+        except (EOFError, ConnectionResetError):
+            self._bury(worker, task)
+            return
+        if isinstance(message, Outcome):
+            self._end(message)
+            self._give_task(worker)
+        else:
+            self.progress.frames(task.scene, *message)
+
+    def dismiss(self) -> None:
+        """Ends every process, working or not."""
+        for worker in [*self.busy.values(), *self.idle]:
             worker.process.terminate()
-    return [outcomes[task.scene] for task in tasks]
+            worker.process.join()
 
+    def _give_task(self, worker: _Worker) -> None:
+        self.busy.pop(worker.connection, None)
+        worker.task = self.queue.popleft() if self.queue else None
+        if worker.task is None:
+            self.idle.append(worker)
+            return
+        self.busy[worker.connection] = worker
+        worker.connection.send(worker.task)
 
-DIED = "its process died (killed, out of memory, or a crash in a library)"
+    def _bury(self, worker: _Worker, task: Task) -> None:
+        del self.busy[worker.connection]
+        worker.process.join()
+        self.deaths[task.scene] += 1
+        if self.deaths[task.scene] < ATTEMPTS:
+            self.queue.append(task)
+        else:
+            self._end(Outcome(task.scene, DIED))
+        if self.queue:
+            self.hire()
+
+    def _end(self, outcome: Outcome) -> None:
+        self.outcomes[outcome.scene] = outcome
+        self.progress.scene_ends(outcome)
 
 
 def available_cores() -> int:
@@ -118,43 +170,32 @@ def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _start(context: SpawnContext, work: Work, task: Task, attempt: int) -> _Worker:
-    ours, theirs = context.Pipe()
-    process = context.Process(target=_work_in_process, args=(theirs, work, task), daemon=True)
-    with _one_thread():
-        process.start()
-    theirs.close()
-    return _Worker(process, ours, task, attempt)
+def _serve(connection: Connection, work: Work) -> None:
+    """Works on one task after the other until nobody sends any more."""
 
-
-def _listen(worker: _Worker, progress: Progress) -> Outcome | None:
-    """Takes one message of a worker; an outcome ends its task."""
-    try:
-        message = worker.connection.recv()
-    except (EOFError, ConnectionResetError):
-        return Outcome(worker.task.scene, DIED)
-    if isinstance(message, Outcome):
-        return message
-    progress.frames(worker.task.scene, *message)
-    return None
-
-
-def _work_in_process(connection: Connection, work: Work, task: Task) -> None:
     def on_frame(done: int, total: int) -> None:
         if done % FRAMES_A_MESSAGE == 0 or done == total:
             connection.send((done, total))
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us when the user interrupts
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        connection.send(_outcome(task, work, on_frame))
+
+
+def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
     try:
         work(task, on_frame)
-        outcome = Outcome(task.scene)
     except MottrackError as error:
-        outcome = Outcome(task.scene, str(error))
+        return Outcome(task.scene, str(error))
     except Exception as error:  # noqa: BLE001 - the scene fails, whatever it was; the others go on
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
-        outcome = Outcome(task.scene, f"{type(error).__name__}: {error} ({where})")
-    connection.send(outcome)
-    connection.close()
+        return Outcome(task.scene, f"{type(error).__name__}: {error} ({where})")
+    return Outcome(task.scene)
 
 
 @contextmanager

@@ -1,0 +1,52 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mottrack.cli import main
+
+
+def run_cli(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mottrack", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, check=False)
+
+
+@pytest.mark.parametrize(
+    ("statement", "forbidden"),
+    [
+        ("import mottrack", "scipy pydantic yaml typer torch gtsam numba matplotlib"),
+        ("import mottrack.cli", "scipy pydantic torch gtsam numba matplotlib"),
+    ],
+)
+def test_importing_brings_in_nothing_heavy(statement: str, forbidden: str) -> None:
+    code = f"import sys; {statement}; print(*[m for m in {forbidden.split()} if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = found.stdout.split()
+    assert loaded == []
+
+
+def test_an_error_is_one_line_without_traceback_and_exit_code_2(tmp_path: Path) -> None:
+    done = run_cli("run", "demo", "flow=ipc", "--out", str(tmp_path))
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("mottrack: unknown flow source 'ipc' (did you mean 'icp'?)")
+
+
+def test_list_says_what_each_part_is() -> None:
+    done = run_cli("list", "flows")
+    assert done.returncode == 0
+    lines = {line.split()[0]: line.split(maxsplit=1)[1] for line in done.stdout.splitlines()}
+    assert lines["zero"].startswith("Marks the occupied cells")
+    assert all(lines.values())
+    assert run_cli("list", "flow").returncode == 2
+
+
+def test_main_lets_no_user_error_through(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["mottrack", "run", "no_such_config", "--out", "x"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    assert "unknown config 'no_such_config'" in capsys.readouterr().err

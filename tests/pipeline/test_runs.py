@@ -1,0 +1,117 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mottrack.core import ConfigError
+from mottrack.core.snapshot import load_snapshots
+from mottrack.pipeline.comparison import run_comparison
+from mottrack.pipeline.experiment import Experiment, compose
+from mottrack.pipeline.run_folder import RunFolder
+from mottrack.pipeline.runner import run_experiment
+from mottrack.pipeline.scene_run import run_scene
+
+HERE = Path("experiment.yaml")
+
+
+def toy_experiment(*overrides: str, **dataset: object) -> Experiment:
+    tree = {
+        "dataset": {"kind": "toy_plugins:ToyDataset", **dataset},
+        "flow": {"kind": "toy_plugins:ConstantFlow"},
+        "tracker": {"kind": "toy_plugins:EchoTracker"},
+    }
+    return compose(tree, overrides, HERE)[0]
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {f.name: f.read_bytes() for f in sorted(folder.glob("scenes/*.npz"))}
+
+
+def test_a_users_own_parts_run_from_sweep_to_score() -> None:
+    experiment = toy_experiment()
+    run = run_scene(experiment, experiment.dataset.make().scene("a"))
+    tracks = run.result.tracks
+    assert len(run.result.frames) == 8
+    later = tracks.frame > 0  # the first frame has no earlier sweep, hence no velocity
+    np.testing.assert_allclose(tracks.velocity_mps[later], np.tile([10.0, 0.0], (14, 1)))
+    assert (tracks.velocity_mps[~later] == 0).all()
+    flow = run.result.flow
+    assert len(flow) > 100
+    dynamic = flow.dynamic
+    np.testing.assert_allclose(flow.truth_mps[dynamic], flow.estimate_mps[dynamic], atol=1e-4)
+    assert set(run.result.timings_s) >= {"read", "flow", "velocity", "tracker"}
+    assert [shot.frame for shot in run.snapshots] == [4]
+
+
+def test_sweeps_are_not_read_where_nobody_looks_at_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment = toy_experiment("flow=zero", "score_flow=false")
+    scene = experiment.dataset.make().scene("a")
+    monkeypatch.setattr(type(scene), "sweep", lambda self, index: pytest.fail("sweep was read"))
+    assert len(run_scene(experiment, scene).result.tracks) == 16
+
+
+def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress) -> None:
+    experiment = toy_experiment(scenes=("a", "b", "c"))
+    for workers in (1, 3):
+        run_experiment(
+            experiment, RunFolder(tmp_path / str(workers)), workers=workers, progress=progress
+        )
+    assert files_of(tmp_path / "1") == files_of(tmp_path / "3")
+    assert len(files_of(tmp_path / "1")) == 6
+    assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 1
+
+
+def test_failures_cost_their_own_scene_only_and_a_killed_worker_gets_another_try(
+    tmp_path: Path, progress
+) -> None:
+    flag = tmp_path / "flag"
+    flag.touch()
+    experiment = toy_experiment(scenes=("poison", "a", "bug", "killed", "b"), flag=str(flag))
+    report = run_experiment(experiment, RunFolder(tmp_path / "run"), workers=3, progress=progress)
+    assert report.finished == ("a", "b")
+    assert report.failed["poison"] == "toy/poison.bin: point 7 is nan, expected a finite number"
+    assert report.failed["bug"].startswith("KeyError: 'surprise' (toy_plugins.py:")
+    assert "its process died" in report.failed["killed"]
+    assert not flag.exists()
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped_with_the_same_bytes(
+    tmp_path: Path, progress
+) -> None:
+    experiment = toy_experiment(scenes=("a", "b", "c"))
+    whole, broken = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "broken")
+    run_experiment(experiment, whole, workers=2, progress=progress)
+    run_experiment(experiment, broken, workers=2, progress=progress)
+    broken.scene_file("b").unlink()
+    damaged = bytearray(broken.scene_file("c").read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    broken.scene_file("c").write_bytes(bytes(damaged))
+    report = run_experiment(experiment, broken, workers=2, progress=progress)
+    assert (report.resumed, progress.todo) == (1, 2)
+    assert files_of(tmp_path / "whole") == files_of(tmp_path / "broken")
+
+
+def test_a_folder_of_another_configuration_is_refused(tmp_path: Path, progress) -> None:
+    run_experiment(toy_experiment(scenes=("a",)), RunFolder(tmp_path), workers=1, progress=progress)
+    other = toy_experiment("pair_s=0.2", scenes=("a",))
+    with pytest.raises(ConfigError, match="results of another configuration"):
+        run_experiment(other, RunFolder(tmp_path), workers=1, progress=progress)
+
+
+def test_scores_json_holds_every_run_and_the_configuration_lies_beside(
+    tmp_path: Path, progress
+) -> None:
+    tree = {
+        "dataset": {"kind": "toy_plugins:ToyDataset"},
+        "flow": ["zero", "ground_truth"],
+        "tracker": {"kind": "toy_plugins:EchoTracker"},
+    }
+    comparison = run_comparison(compose(tree, [], HERE), tmp_path, workers=2, progress=progress)
+    stored = json.loads((tmp_path / "scores.json").read_text())["runs"]
+    assert [(r["variant"], r["flow"]) for r in stored] == [("zero",) * 2, ("ground_truth",) * 2]
+    assert stored[0]["metrics"]["classes"]["car"]["mota"] == 1.0
+    errors = [r["metrics"]["velocity_error"]["fast [3, inf) m/s"]["mean_mps"] for r in stored]
+    assert errors[0] == pytest.approx(10.0)
+    assert errors[1] < 2.0  # the first frame of each scene has no velocity yet
+    assert comparison.runs[0].experiment.hash in (tmp_path / "zero" / "config.yaml").read_text()
