@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,10 @@ class DetectionTable:
 
     def _velocity(self, rows: NDArray[np.int64]) -> VelocityMeasurement | None:
         return None if self.velocity_mps is None else detector_velocity(self.velocity_mps[rows])
+
+    def without_velocity(self) -> DetectionTable:
+        """Return the same detections, as of a detector that reports no velocities."""
+        return replace(self, velocity_mps=None)
 
     @classmethod
     def stacked(cls, parts: Sequence[DetectionTable]) -> DetectionTable:

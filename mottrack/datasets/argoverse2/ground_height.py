@@ -1,0 +1,78 @@
+"""The map's ground height: a raster over the city frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from mottrack.core.errors import DataError
+from mottrack.datasets.files import read_bytes
+
+
+@dataclass(frozen=True)
+class GroundHeight:
+    """Height of the ground by place; cell (row, column) of a point is floor(s (R xy + t)).
+
+    height_m: (H, W) raster, NaN where unknown; rows follow the city's y, columns its x.
+    """
+
+    height_m: NDArray[np.float32]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    scale: float
+
+    def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height (N,) at (N, 2) places of the world; NaN outside the map."""
+        cell = np.floor(self.scale * (xy_m @ self.rotation.T + self.translation)).astype(int)
+        column, row = cell.T
+        height, width = self.height_m.shape
+        known = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        result = np.full(len(xy_m), np.nan)
+        result[known] = self.height_m[row[known], column[known]]
+        return result
+
+
+def read_ground_height(folder: Path) -> GroundHeight | None:
+    """Read the raster of a log's `map` folder; None where there is none.
+
+    Raises:
+        DataError: a file of it is damaged, or only one of the two is there.
+
+    """
+    rasters = sorted(folder.glob("*_ground_height_surface____*.npy"))
+    transforms = sorted(folder.glob("*___img_Sim2_city.json"))
+    if not rasters and not transforms:
+        return None
+    if len(rasters) != 1 or len(transforms) != 1:
+        found = f"{len(rasters)} rasters, {len(transforms)} transforms"
+        raise DataError(folder, "ground height", found, "one raster and one img_Sim2_city.json")
+    return GroundHeight(_raster(rasters[0]), *_transform(transforms[0]))
+
+
+def _raster(path: Path) -> NDArray[np.float32]:
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(path, "content", f"unreadable ({error})", "an npy file") from error
+    if values.ndim != 2 or values.dtype.kind != "f":
+        raise DataError(path, "raster", f"{values.dtype} {values.shape}", "(H, W) numbers")
+    return np.asarray(values, dtype=np.float32)
+
+
+def _transform(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    try:
+        values: dict[str, Any] = orjson.loads(read_bytes(path))
+        rotation = np.array(values["R"], dtype=np.float64).reshape(2, 2)
+        translation = np.array(values["t"], dtype=np.float64).reshape(2)
+        scale = float(values["s"])
+    except (orjson.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+        raise DataError(path, "transform", f"unreadable ({error})", "R (4), t (2), s") from error
+    off = np.abs(rotation @ rotation.T - np.eye(2)).max()
+    if not off < 1e-3 or not np.isfinite(translation).all() or not scale > 0.0:
+        raise DataError(path, "transform", values, "a rotation R, a finite t and a positive s")
+    return rotation, translation, scale

@@ -1,0 +1,119 @@
+"""One Argoverse 2 log."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.datasets.argoverse2.config import CLASSES, Argoverse2Config
+from mottrack.datasets.argoverse2.cuboids import (
+    annotation_stamps,
+    read_annotations,
+    read_detections,
+)
+from mottrack.datasets.argoverse2.ground_height import GroundHeight, read_ground_height
+from mottrack.datasets.argoverse2.poses import read_lidar_origin, read_poses
+from mottrack.datasets.argoverse2.sweeps import read_sweep, sweep_stamps
+from mottrack.datasets.tables import DetectionTable, truth_of
+
+
+class Argoverse2Scene:
+    """Frames of one log at 10 Hz, each a key frame; the token is the stamp in nanoseconds.
+
+    There is a frame at every time that has a sweep or annotations. The world is the city frame.
+    """
+
+    classes = CLASSES
+
+    def __init__(self, folder: Path, config: Argoverse2Config) -> None:
+        self._folder, self._config = folder, config
+        self._sweep_stamps = frozenset(sweep_stamps(folder / "sensors" / "lidar"))
+        self._stamps = self._frame_stamps()
+        self._poses = self._frame_poses()
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        return self._folder.name
+
+    @property
+    def has_sweeps(self) -> bool:
+        """Whether every frame has a sweep."""
+        return self._sweep_stamps.issuperset(self._stamps)
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame at `index`, boxes in the world."""
+        stamp_ns = self._stamps[index]
+        truth, detections = self._truth, self._detections
+        return Frame(
+            stamp_ns=stamp_ns,
+            world_T_ego=self._poses[index],
+            detections=None if detections is None else detections.objects(index, stamp_ns),
+            truth=None if truth is None else truth_of(truth, index, stamp_ns),
+            token=str(stamp_ns),
+        )
+
+    def sweep(self, index: int) -> Sweep:
+        """Return the sweep at `index`.
+
+        Raises:
+            DataError: the file is missing or damaged.
+
+        """
+        stamp_ns = self._stamps[index]
+        path = self._folder / "sensors" / "lidar" / f"{stamp_ns}.feather"
+        return read_sweep(path, stamp_ns, self._poses[index], self._origin_m)
+
+    def ground_height(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the map's height (N,) in metres at (N, 2) places of the world; NaN: unknown."""
+        return np.full(len(xy_m), np.nan) if self._ground is None else self._ground.at(xy_m)
+
+    @property
+    def _annotation_file(self) -> Path:
+        return self._folder / "annotations.feather"
+
+    def _frame_stamps(self) -> list[int]:
+        stamps = set(self._sweep_stamps)
+        if not self._config.require_sweeps and self._annotation_file.is_file():
+            stamps |= set(annotation_stamps(self._annotation_file).tolist())
+        if not stamps:
+            raise DataError(self._folder, "frames", "none", "sweeps or annotations")
+        return sorted(stamps)[: self._config.frames]
+
+    def _frame_poses(self) -> list[Pose]:
+        path = self._folder / "city_SE3_egovehicle.feather"
+        poses = read_poses(path)
+        for stamp in self._stamps:
+            if stamp not in poses:
+                raise DataError(path, "pose", "missing", f"a row with timestamp_ns {stamp}")
+        return [poses[stamp] for stamp in self._stamps]
+
+    @cached_property
+    def _origin_m(self) -> tuple[float, float, float]:
+        path = self._folder / "calibration" / "egovehicle_SE3_sensor.feather"
+        return read_lidar_origin(path) if path.is_file() else self._config.lidar_origin_m
+
+    @cached_property
+    def _ground(self) -> GroundHeight | None:
+        return read_ground_height(self._folder / "map")
+
+    @cached_property
+    def _truth(self) -> TruthTable | None:
+        if not self._annotation_file.is_file():
+            return None
+        return read_annotations(self._annotation_file, self._stamps, self._poses, self._config)
+
+    @cached_property
+    def _detections(self) -> DetectionTable | None:
+        path = self._config.detections
+        if path is None:
+            return None
+        found = path if path.is_file() else self._config.root / path
+        return read_detections(found, self.name, (self._stamps, self._poses), self._config)

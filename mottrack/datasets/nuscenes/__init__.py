@@ -1,0 +1,1 @@
+"""nuScenes: tables, LIDAR_TOP sweeps, detections and submissions in the official formats."""

@@ -1,0 +1,82 @@
+"""The annotated boxes of the chosen scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import DataError
+from mottrack.datasets.nuscenes.columns import Kind
+from mottrack.datasets.nuscenes.tables import (
+    ROTATION,
+    TOKEN,
+    TRANSLATION,
+    Columns,
+    Rows,
+    Tables,
+    looked_up,
+    text_of,
+)
+
+_TABLE = "sample_annotation"
+_KINDS = (
+    TOKEN,
+    Kind("sample_token", text=True),
+    Kind("instance_token", text=True),
+    TRANSLATION,
+    Kind("size", 3),
+    ROTATION,
+    Kind("num_lidar_pts", integer=True),
+    Kind("num_radar_pts", integer=True),
+)
+
+
+def box_columns(tables: Tables, sample_index: dict[str, int]) -> Columns | None:
+    """Return sample, instance (numbered), category, translation, size (w, l, h), rotation, points.
+
+    Sorted by sample, else in the order of the table. None if the version has no annotations at
+    all, as the test split.
+    """
+    columns = tables.columns(_TABLE, _KINDS, Rows({"sample_token": sample_index}))
+    if not len(columns["size"]) and next(tables.rows(_TABLE), None) is None:
+        return None
+    _check(tables, columns)
+    columns["sample"] = looked_up(columns.pop("sample_token"), sample_index)
+    instance = text_of(columns.pop("instance_token"))
+    number = {token: i for i, token in enumerate(dict.fromkeys(instance))}
+    columns["instance"] = np.array([number[token] for token in instance], dtype=np.int64)
+    columns["category"] = _categories(tables, number)[columns["instance"]]
+    order = np.argsort(columns["sample"], kind="stable")
+    return {name: values[order] for name, values in columns.items()}
+
+
+def _categories(tables: Tables, number: dict[str, int]) -> NDArray[np.bytes_]:
+    """Category name of each instance."""
+    names = tables.columns("category", (TOKEN, Kind("name", text=True)))
+    name_of = dict(zip(text_of(names["token"]), names["name"], strict=True))
+    kinds = (TOKEN, Kind("category_token", text=True))
+    found = tables.columns("instance", kinds, Rows({"token": number}))
+    category_of = dict(zip(text_of(found["token"]), text_of(found["category_token"]), strict=True))
+    for token in number:
+        if token not in category_of:
+            raise DataError(tables.path("instance"), "record", "missing", f"instance {token}")
+        if category_of[token] not in name_of:
+            value = category_of[token]
+            raise DataError(tables.path("category"), "record", "missing", f"category {value}")
+    return np.array([name_of[category_of[token]] for token in number], dtype=np.bytes_)
+
+
+def _check(tables: Tables, columns: Columns) -> None:
+    length = np.linalg.norm(columns["rotation"], axis=1)
+    _refuse(tables, columns, np.abs(length - 1.0) > 1e-3, "rotation", "a unit quaternion")
+    too_small = columns["size"].min(axis=1, initial=1.0) <= 0.0
+    _refuse(tables, columns, too_small, "size", "three positive numbers")
+
+
+def _refuse(
+    tables: Tables, columns: Columns, wrong: NDArray[np.bool_], name: str, expected: str
+) -> None:
+    rows = np.flatnonzero(wrong)
+    if rows.size:
+        field = f"{name} of record {columns['token'][rows[0]].decode()}"
+        raise DataError(tables.path(_TABLE), field, columns[name][rows[0]].tolist(), expected)

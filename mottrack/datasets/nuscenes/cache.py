@@ -1,0 +1,38 @@
+"""An index of large data on disk: scanning gigabytes of JSON once is enough.
+
+An entry is named by the files it was made from (path, size, time of change) and by the layout of
+the entry, so that a changed file is never answered from an old entry; each holds a checksum, and a
+damaged one is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+LAYOUT = "1"
+LARGE_BYTES = 64 * 2**20
+"""Smaller files are read faster than a question about them is answered."""
+
+
+def cache_folder(chosen: Path | None) -> Path:
+    """Return the chosen folder or the user's own."""
+    if chosen is not None:
+        return chosen
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "mottrack"
+
+
+def cache_key(paths: list[Path], *also: str) -> str:
+    """Return a name for what is made from these files and settings."""
+    digest = hashlib.sha256("|".join([LAYOUT, *also]).encode())
+    for path in paths:
+        stat = path.stat()
+        digest.update(f"|{path.resolve()}|{stat.st_size}|{stat.st_mtime_ns}".encode())
+    return digest.hexdigest()[:24]
+
+
+def is_large(paths: list[Path]) -> bool:
+    """Whether reading these files takes noticeable time."""
+    return sum(path.stat().st_size for path in paths) > LARGE_BYTES

@@ -1,0 +1,97 @@
+"""A nuScenes data set, read as it was downloaded."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+
+from mottrack.core.errors import DataError, unknown_name
+from mottrack.datasets.files import existing_folder
+from mottrack.datasets.nuscenes.cache import cache_folder
+from mottrack.datasets.nuscenes.config import NuScenesConfig
+from mottrack.datasets.nuscenes.detections import DetectionFile
+from mottrack.datasets.nuscenes.scene import NuScenesScene
+from mottrack.datasets.nuscenes.store import RecordStore
+from mottrack.datasets.nuscenes.tables import Tables
+from mottrack.formats.nuscenes_splits import resolve_split
+
+
+class NuScenes:
+    """The scenes of one version and split, without the devkit.
+
+    Of the tables only those that tracking needs are read, streamed, and of large ones an index
+    is kept on disk, so that v1.0-trainval opens in seconds.
+    """
+
+    Config = NuScenesConfig
+
+    def __init__(self, config: NuScenesConfig) -> None:
+        self._config = config
+        existing_folder(config.root, "root")
+        self._tables = Tables(config.root, config.version or _version(config.root, config.split))
+
+    @property
+    def name(self) -> str:
+        """Name of the data set."""
+        return "nuscenes"
+
+    @cached_property
+    def scene_names(self) -> tuple[str, ...]:
+        """The scenes of the split that the tables hold, in the order of the tables.
+
+        Raises:
+            ConfigError: a chosen scene is not among them.
+            DataError: none of the split's scenes is in the tables.
+
+        """
+        present = tuple(self._tables.scene_tokens())
+        if self._config.split is not None:
+            wanted = set(resolve_split(self._config.split))
+            here = tuple(name for name in present if name in wanted)
+            if not here:
+                path = self._tables.path("scene")
+                raise DataError(path, "scenes", "others", f"scenes of split {self._config.split}")
+            present = here
+        for name in self._config.scenes or ():
+            if name not in present:
+                raise unknown_name("scene", name, present)
+        return self._config.scenes or present
+
+    def scene(self, name: str) -> NuScenesScene:
+        """Open one scene.
+
+        Raises:
+            ConfigError: no scene has that name.
+            DataError: a table or the detection file is missing or damaged.
+
+        """
+        if name not in self.scene_names:
+            raise unknown_name("scene", name, self.scene_names)
+        return NuScenesScene(name, self._store.record(name), self._config, self._detections)
+
+    @cached_property
+    def _store(self) -> RecordStore:
+        folder = cache_folder(self._config.cache_dir) if self._config.cache else None
+        store = RecordStore(self._tables, self.scene_names, folder)
+        store.prepare()
+        return store
+
+    @cached_property
+    def _detections(self) -> DetectionFile | None:
+        path = self._config.detections
+        if path is None:
+            return None
+        return DetectionFile(path if path.is_file() else self._config.root / path)
+
+
+def _version(root: Path, split: str | None) -> str:
+    """The folder of tables that a split belongs to, or the only one there is."""
+    present = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())
+    suffix = {"train": "trainval", "val": "trainval", "test": "test"}.get(split or "", "mini")
+    official = f"v1.0-{suffix}"
+    if len(present) == 1:
+        return present[0]
+    if split is not None and official in present:
+        return official
+    found = ", ".join(present) or "none"
+    raise DataError(root, "version", f"not chosen (here: {found})", "dataset.version=v1.0-...")

@@ -1,0 +1,174 @@
+"""Detection files in the official format, from any detector.
+
+`{"meta": {...}, "results": {sample_token: [box, ...], ...}}` with boxes in the world frame. The
+files of a whole split have up to a gigabyte, so only the places of the samples are found, and the
+boxes of a sample are parsed when they are asked for.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from mottrack.core.errors import DataError
+from mottrack.datasets.nuscenes.columns import Kind
+from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
+from mottrack.datasets.nuscenes.truth import yaw_of
+from mottrack.datasets.tables import DetectionTable
+
+_SAMPLE = re.compile(rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])')
+_KINDS = (
+    Kind("sample_token", text=True),
+    Kind("translation", 3),
+    Kind("size", 3),
+    Kind("rotation", 4),
+    Kind("detection_name", text=True),
+    Kind("detection_score"),
+)
+
+
+class DetectionFile:
+    """The boxes of each sample of a detection file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    @cached_property
+    def _spans(self) -> dict[str, tuple[int, int]]:
+        """Where the list of each sample begins, and where the next key or the file's end is."""
+        try:
+            with self._path.open("rb") as file, _mapped(file, self._path) as text:
+                places = [(m.group(1), m.start(), m.end()) for m in _SAMPLE.finditer(text)]
+                size = len(text)
+                self._check_envelope(bytes(text[: places[0][1]]) if places else bytes(text))
+        except OSError as error:
+            raise DataError(self._path, "file", error.strerror, "a detection file") from error
+        ends = [start for _, start, _ in places[1:]] + [size]
+        spans = {}
+        for (token, _, start), end in zip(places, ends, strict=True):
+            name = token.decode(errors="replace")
+            if name in spans:
+                raise DataError(self._path, f"results[{name}]", "given twice", "each sample once")
+            spans[name] = (start, end)
+        return spans
+
+    def _check_envelope(self, head: bytes) -> None:
+        if b'"results"' not in head:
+            raise DataError(self._path, "results", "missing", "a file with meta and results")
+
+    def __contains__(self, sample_token: str) -> bool:
+        return sample_token in self._spans
+
+    def table(self, sample_tokens: list[str]) -> DetectionTable | None:
+        """Return the tracked classes' boxes of these samples; `frame` counts the samples.
+
+        None if the file has none of the samples: no detector ran on them.
+
+        Raises:
+            DataError: the file is damaged, or lacks some of the samples.
+
+        """
+        present = [token in self for token in sample_tokens]
+        if not any(present):
+            return None
+        if not all(present):
+            token = sample_tokens[present.index(False)]
+            expected = "every sample of the scene, with [] where nothing was found"
+            raise DataError(self._path, f"results[{token}]", "missing", expected)
+        parts = [self._boxes(i, token) for i, token in enumerate(sample_tokens)]
+        return DetectionTable.stacked(parts)
+
+    def _boxes(self, frame: int, token: str) -> DetectionTable:
+        rows = self._rows(token)
+        where = f"results[{token}]"
+        columns = {kind.name: self._column(where, rows, kind) for kind in _KINDS}
+        self._check(where, token, columns)
+        tracked = np.isin(columns["detection_name"], [name.encode() for name in CLASSES])
+        table = DetectionTable(
+            frame=np.full(len(rows), frame),
+            label=columns["detection_name"].astype(np.str_),
+            score=columns["detection_score"],
+            centre_m=columns["translation"],
+            size_m=columns["size"][:, [1, 0, 2]],
+            yaw_rad=yaw_of(columns["rotation"]),
+            velocity_mps=_velocities(rows),
+        )
+        return table.select(tracked)
+
+    def _rows(self, token: str) -> list[dict[str, Any]]:
+        start, end = self._spans[token]
+        with self._path.open("rb") as file:
+            # the pattern consumed the opening bracket
+            file.seek(start)
+            text = b"[" + file.read(end - start)
+        rows = _first_value(text)
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise DataError(self._path, f"results[{token}]", "not a list of boxes", "whole JSON")
+        return rows
+
+    def _column(self, where: str, rows: list[dict[str, Any]], kind: Kind) -> NDArray[Any]:
+        values = [row.get(kind.name) for row in rows]
+        array = kind.array(values) if values else kind.empty()
+        if array is None:
+            bad = next(i for i, value in enumerate(values) if kind.array([value]) is None)
+            raise DataError(self._path, f"{where}[{bad}].{kind.name}", values[bad], kind.expected)
+        return array
+
+    def _check(self, where: str, token: str, columns: dict[str, NDArray[Any]]) -> None:
+        unit = np.abs(np.linalg.norm(columns["rotation"], axis=1) - 1.0) < 1e-2
+        known = np.isin(columns["detection_name"], [name.encode() for name in DETECTION_NAMES])
+        checks = (
+            ("sample_token", columns["sample_token"] == token.encode(), token),
+            ("size", (columns["size"] > 0.0).all(axis=1), "three positive numbers"),
+            ("rotation", unit, "a unit quaternion"),
+            ("detection_name", known, f"one of {', '.join(DETECTION_NAMES)}"),
+        )
+        for name, good, expected in checks:
+            if not good.all():
+                bad = int(np.flatnonzero(~good)[0])
+                value = columns[name][bad].tolist()
+                shown = value.decode() if isinstance(value, bytes) else value
+                raise DataError(self._path, f"{where}[{bad}].{name}", shown, expected)
+
+
+def _mapped(file: Any, path: Path) -> mmap.mmap:
+    if not path.stat().st_size:
+        raise DataError(path, "size in bytes", 0, "a detection file")
+    return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def _first_value(text: bytes) -> Any:
+    """The JSON value that the text begins with, or None if it is damaged.
+
+    orjson for speed where the text is the list and its comma; else the standard library, which
+    also reads the NaN that some detectors write as velocity.
+    """
+    try:
+        return orjson.loads(text.rstrip().removesuffix(b","))
+    except orjson.JSONDecodeError:
+        pass
+    try:
+        value, end = json.JSONDecoder().raw_decode(text.decode())
+    except (ValueError, RecursionError):
+        return None
+    rest = text.decode()[end:].strip()
+    return value if rest[:1] in (",", "}") else None
+
+
+def _velocities(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
+    """(N, 2), NaN where a box has no usable velocity."""
+    velocity = np.full((len(rows), 2), np.nan)
+    kind = Kind("velocity", 2)
+    for index, row in enumerate(rows):
+        values = kind.array([row.get("velocity")])
+        if values is not None:
+            velocity[index] = values[0]
+    return velocity

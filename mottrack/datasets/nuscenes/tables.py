@@ -1,0 +1,86 @@
+"""Tables of one version, streamed into arrays of the records that are wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.datasets.nuscenes.columns import Kind, collect
+from mottrack.formats.nuscenes_tables import (
+    Row,
+    Thinning,
+    records_with,
+    stream_table,
+    table_path,
+)
+
+Columns = dict[str, NDArray[Any]]
+TOKEN = Kind("token", text=True)
+ROTATION, TRANSLATION = Kind("rotation", 4), Kind("translation", 3)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The folder of tables of one version."""
+
+    root: Path
+    version: str
+
+    def path(self, name: str) -> Path:
+        """File of a table; raises DataError when it is missing."""
+        return table_path(self.root, self.version, name)
+
+    def rows(self, name: str) -> Iterator[Row]:
+        """All records of a table."""
+        return stream_table(self.path(name))
+
+    def columns(self, name: str, kinds: tuple[Kind, ...], among: Rows | None = None) -> Columns:
+        """The records of a table as arrays; `among` keeps those whose fields are in its sets."""
+        path = self.path(name)
+        if among is None:
+            return collect(path, stream_table(path), kinds)
+        rows = stream_table(path, thin=among.thinning())
+        return collect(path, (row for row in rows if among.holds(row)), kinds)
+
+    def scene_tokens(self) -> dict[str, str]:
+        """Token of each scene by name, in the order of the table."""
+        scenes = self.columns("scene", (TOKEN, Kind("name", text=True)))
+        return dict(zip(text_of(scenes["name"]), text_of(scenes["token"]), strict=True))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which records of a table are wanted: each named field has a value in its set.
+
+    The first field is the one that spares parsing, so it should be the choosiest.
+    """
+
+    wanted: Mapping[str, Collection[str]]
+
+    def thinning(self) -> Thinning:
+        """What drops most of the others before they are parsed."""
+        name, values = next(iter(self.wanted.items()))
+        return records_with(name, frozenset(value.encode() for value in values))
+
+    def holds(self, row: Row) -> bool:
+        """Whether the record is one of them; one without the field is not."""
+        for name, values in self.wanted.items():
+            value = row.get(name)
+            if not isinstance(value, str) or value not in values:
+                return False
+        return True
+
+
+def text_of(values: NDArray[np.bytes_]) -> list[str]:
+    """Return stored text as strings."""
+    return [value.decode() for value in values.tolist()]
+
+
+def looked_up(tokens: NDArray[np.bytes_], index: dict[str, int]) -> NDArray[np.int64]:
+    """Return the index of each token, all of which are in `index`."""
+    return np.array([index[token] for token in text_of(tokens)], dtype=np.int64)
