@@ -1,0 +1,60 @@
+"""Settings of the embedded world."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+
+
+class DensityConfig(StrictModel):
+    """How busy the scenes are; 1 is an ordinary day."""
+
+    vehicles: float = Field(1.0, gt=0.05, le=4.0, description="moving vehicles")
+    pedestrians: float = Field(1.0, gt=0.05, le=6.0, description="people on foot")
+    parked: float = Field(1.0, ge=0.0, le=1.3, description="vehicles at the kerb")
+    unknown: float = Field(1.0, ge=0.0, le=10.0, description="animals, balls, debris")
+
+
+class PoseErrorConfig(StrictModel):
+    """How wrong the odometry is."""
+
+    jitter_m: float = Field(0.008, ge=0.0, le=1.0, description="from sweep to sweep, each axis")
+    jitter_deg: float = Field(0.03, ge=0.0, le=5.0, description="from sweep to sweep, heading")
+    drift_m: float = Field(0.04, ge=0.0, le=5.0, description="slow, bounded")
+    drift_deg: float = Field(0.05, ge=0.0, le=5.0, description="slow, bounded, heading")
+
+
+class DetectorConfig(StrictModel):
+    """The detector model; 1 is a good detector of 2020."""
+
+    recall: float = Field(1.0, ge=0.0, le=1.1, description="factor on the recall of every class")
+    noise: float = Field(1.0, ge=0.0, le=10.0, description="factor on box noise")
+    false_positives: float = Field(1.0, ge=0.0, le=20.0, description="factor on their number")
+    flips: float = Field(0.03, ge=0.0, le=1.0, description="share of headings turned round")
+    max_range_m: float = Field(65.0, gt=0.0, le=200.0, description="no detection beyond")
+
+
+class SyntheticConfig(StrictModel):
+    """The embedded world.
+
+    Scene k of a seed is the same whatever the number of scenes, of workers, and the order.
+    """
+
+    scenes: int = Field(10, ge=1, le=100_000, description="number of scenes")
+    seed: int = Field(0, ge=0, lt=2**31, description="everything follows from it")
+    first_scene: int = Field(0, ge=0, le=1_000_000, description="number of the first scene")
+    duration_s: float = Field(20.0, ge=0.2, le=120.0, description="length of each scene")
+    place: Literal["random", "urban", "residential", "motorway"] = Field(
+        "random", description="kind of road"
+    )
+    sensor: str = Field("uniform32", description="LiDAR model, or 'random' for one per scene")
+    sweep_hz: int = Field(10, ge=1, le=20, description="turns of the LiDAR per second")
+    key_hz: int = Field(2, ge=1, le=20, description="key frames per second; divides sweep_hz")
+    rolling: bool = Field(True, description="columns fire one after the other")
+    truth_range_m: float = Field(75.0, gt=0.0, le=200.0, description="truth reaches so far")
+    density: DensityConfig = DensityConfig()
+    pose_error: PoseErrorConfig = PoseErrorConfig()
+    detector: DetectorConfig = DetectorConfig()

@@ -1,0 +1,116 @@
+"""Plane curves by arc length: centre lines, lanes, pavements, turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+STEP_M = 0.5
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve sampled every STEP_M metres; ``xy_m[0]`` lies at arc length 0."""
+
+    xy_m: NDArray[np.float64]
+    """(K, 2)"""
+    heading_rad: NDArray[np.float64]
+    """(K,) continuous, not wrapped."""
+
+    @property
+    def length_m(self) -> float:
+        """Arc length of the last sample."""
+        return (len(self.xy_m) - 1) * STEP_M
+
+    def at(self, s_m: NDArray[np.float64], lateral_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) x, y, heading at arc length ``s_m``, ``lateral_m`` to the left."""
+        place = np.clip(s_m / STEP_M, 0.0, len(self.xy_m) - 1.0)
+        grid = np.arange(len(self.xy_m))
+        heading = np.interp(place, grid, self.heading_rad)
+        x = np.interp(place, grid, self.xy_m[:, 0]) - lateral_m * np.sin(heading)
+        y = np.interp(place, grid, self.xy_m[:, 1]) + lateral_m * np.cos(heading)
+        return np.column_stack([x, y, heading])
+
+    def offset(self, lateral_m: float) -> Curve:
+        """The parallel curve ``lateral_m`` to the left."""
+        normal = np.column_stack([-np.sin(self.heading_rad), np.cos(self.heading_rad)])
+        return curve_through(self.xy_m + lateral_m * normal)
+
+    def reversed(self) -> Curve:
+        """The same curve the other way round."""
+        return Curve(self.xy_m[::-1].copy(), self.heading_rad[::-1] + np.pi)
+
+    def part(self, start_m: float, end_m: float) -> Curve:
+        """From arc length ``start_m`` to ``end_m``, rounded to samples."""
+        first, last = round(max(start_m, 0.0) / STEP_M), round(end_m / STEP_M) + 1
+        return Curve(self.xy_m[first:last].copy(), self.heading_rad[first:last].copy())
+
+
+def curve_through(points_m: NDArray[np.float64]) -> Curve:
+    """The curve through (K, 2) dense points, sampled anew by arc length."""
+    steps = np.hypot(*np.diff(points_m, axis=0).T)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
+    s = np.arange(0.0, length[-1] + 1e-9, STEP_M)
+    xy = np.column_stack([np.interp(s, length, points_m[:, i]) for i in range(2)])
+    tangent = np.gradient(xy, axis=0)
+    return Curve(xy, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])))
+
+
+def curve_from_curvature(curvature_per_m: NDArray[np.float64], heading_rad: float) -> Curve:
+    """From the origin, one curvature per step."""
+    heading = heading_rad + np.concatenate([[0.0], np.cumsum(curvature_per_m)]) * STEP_M
+    step = STEP_M * np.column_stack([np.cos(heading), np.sin(heading)])
+    return Curve(np.concatenate([[[0.0, 0.0]], np.cumsum(step[:-1], axis=0)]), heading)
+
+
+def turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, 2) points of a cubic that leaves (x, y, heading) and arrives at (x, y, heading)."""
+    reach = 0.42 * np.hypot(*(end[:2] - start[:2])) * 1.1
+    a = start[:2] + reach * np.array([np.cos(start[2]), np.sin(start[2])])
+    b = end[:2] - reach * np.array([np.cos(end[2]), np.sin(end[2])])
+    u = np.linspace(0.0, 1.0, 80)[:, None]
+    v = 1.0 - u
+    curve = v**3 * start[:2] + 3 * v**2 * u * a + 3 * v * u**2 * b + u**3 * end[:2]
+    return np.asarray(curve)
+
+
+class Paths(NamedTuple):
+    """Several curves side by side; named tuple for numba."""
+
+    samples: NDArray[np.float64]
+    """(K, 4) x, y, heading, curvature of all curves one after another."""
+    start: NDArray[np.int64]
+    """(P + 1,) first row of each curve."""
+
+
+def stack(curves: list[Curve]) -> Paths:
+    """The curves in one table, with their curvature."""
+    rows = [
+        np.column_stack([c.xy_m, c.heading_rad, np.gradient(c.heading_rad, STEP_M)]) for c in curves
+    ]
+    start = np.concatenate([[0], np.cumsum([len(row) for row in rows])])
+    return Paths(np.concatenate(rows), start.astype(np.int64))
+
+
+@njit(cache=True)
+def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, float]:
+    """(x, y, heading, curvature) at arc length ``s_m`` of a path; straight on beyond its ends."""
+    first, count = paths.start[path], paths.start[path + 1] - paths.start[path]
+    place = s_m / STEP_M
+    inside = min(max(place, 0.0), count - 1.0)
+    row = min(int(inside), count - 2)
+    u = inside - row
+    table = paths.samples
+    a, b = first + row, first + row + 1
+    heading = table[a, 2] * (1.0 - u) + table[b, 2] * u
+    beyond = (place - inside) * STEP_M
+    return (
+        table[a, 0] * (1.0 - u) + table[b, 0] * u + beyond * np.cos(heading),
+        table[a, 1] * (1.0 - u) + table[b, 1] * u + beyond * np.sin(heading),
+        heading,
+        table[a, 3] * (1.0 - u) + table[b, 3] * u,
+    )

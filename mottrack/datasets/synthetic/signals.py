@@ -1,0 +1,41 @@
+"""Traffic lights: one approach after the other, then the pedestrians."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+NO_SIGNAL = -1
+
+
+class Signals(NamedTuple):
+    """Cyclic plan; named tuple for numba. The last phase belongs to those who walk."""
+
+    green_s: NDArray[np.float64]
+    """(A + 1,) green of each approach, then of the crossings."""
+    clear_s: float
+    """All red after each green."""
+    shift_s: float
+
+
+@njit(cache=True)
+def is_green(signals: Signals, approach: int, time_s: float) -> bool:
+    """Whether ``approach`` may go at ``time_s``."""
+    cycle = signals.green_s.sum() + len(signals.green_s) * signals.clear_s
+    clock = (time_s + signals.shift_s) % cycle
+    for phase in range(len(signals.green_s)):
+        if clock < signals.green_s[phase]:
+            return phase == approach
+        clock -= signals.green_s[phase] + signals.clear_s
+        if clock < 0.0:
+            return False
+    return False
+
+
+def random_signals(rng: np.random.Generator, approaches: int) -> Signals:
+    """A plan for that many approaches, starting anywhere in its cycle."""
+    green = np.append(rng.uniform(5.0, 12.0, approaches), 9.0)
+    return Signals(green, 2.5, float(rng.uniform(0.0, 60.0)))
