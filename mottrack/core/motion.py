@@ -8,10 +8,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.checks import as_array, as_stamp, require_covariance, require_finite
+from mottrack.core.checks import (
+    as_array,
+    as_stamp,
+    require_all,
+    require_covariance,
+    require_finite,
+)
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import rotation_2d
+
+UNSEEN_M2PS2 = 1e6
+"""Variance of a velocity across the axis it was measured along: (1 km/s)^2 says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +120,34 @@ class VelocityMeasurement:
         """No velocity for any of ``n`` objects."""
         return cls(np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, dtype=np.bool_))
 
+    @classmethod
+    def along(
+        cls,
+        direction: NDArray[np.float64],
+        speed_mps: NDArray[np.float64],
+        variance_m2ps2: NDArray[np.float64],
+    ) -> VelocityMeasurement:
+        """Speeds measured along one axis each, as by radar Doppler: nothing is known across it.
+
+        Args:
+            direction: (N, 2) unit vectors of the beams, in the axes of the objects' frame.
+            speed_mps: (N,) speed over the ground along them (ego motion removed).
+            variance_m2ps2: (N,) variance of the speed's error.
+
+        Raises:
+            InputError: a direction is not of length one, or a variance is negative.
+        """
+        beam = as_array("direction", direction, np.float64, (None, 2))
+        norm = np.linalg.norm(beam, axis=1)
+        require_all("length of direction", norm, np.abs(norm - 1.0) < 1e-6, "1")
+        speed = as_array("speed_mps", speed_mps, np.float64, (len(beam),))
+        variance = as_array("variance_m2ps2", variance_m2ps2, np.float64, (len(beam),))
+        require_all("variance_m2ps2", variance, variance >= 0, "a variance of at least 0")
+        across = np.stack([-beam[:, 1], beam[:, 0]], axis=1)
+        covariance = variance[:, None, None] * beam[:, :, None] * beam[:, None, :]
+        covariance += UNSEEN_M2PS2 * across[:, :, None] * across[:, None, :]
+        return cls(speed[:, None] * beam, covariance, np.ones(len(beam), dtype=np.bool_))
+
     def select(self, index: NDArray[Any]) -> VelocityMeasurement:
         """The rows that a boolean mask or an integer index picks."""
         return VelocityMeasurement(
@@ -121,6 +158,40 @@ class VelocityMeasurement:
         """The same velocities in axes turned by ``-yaw_rad``: v' = R v, C' = R C R^T."""
         r = rotation_2d(yaw_rad)
         return VelocityMeasurement(self.mean_mps @ r.T, r @ self.covariance_m2ps2 @ r.T, self.valid)
+
+
+def fuse_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurement:
+    """One measurement of the same objects from several independent ones, each where it is valid.
+
+    C = A (A + B)^-1 B and v = B (A + B)^-1 a + A (A + B)^-1 b, which holds for exact and for
+    one-axis measurements as well.
+
+    Raises:
+        InputError: ``parts`` is empty, or the parts are of different lengths.
+    """
+    if not parts:
+        raise InputError("parts", "[]", "at least one VelocityMeasurement")
+    fused = parts[0]
+    for part in parts[1:]:
+        if len(part) != len(fused):
+            raise InputError("length of a part", len(part), str(len(fused)))
+        fused = _fuse_two(fused, part)
+    return fused
+
+
+def _fuse_two(a: VelocityMeasurement, b: VelocityMeasurement) -> VelocityMeasurement:
+    both = a.valid & b.valid
+    inverse = np.linalg.pinv(a.covariance_m2ps2 + b.covariance_m2ps2, rcond=1e-14, hermitian=True)
+    weight_a, weight_b = b.covariance_m2ps2 @ inverse, a.covariance_m2ps2 @ inverse
+    mean = (weight_a @ a.mean_mps[:, :, None] + weight_b @ b.mean_mps[:, :, None])[:, :, 0]
+    covariance = weight_b @ b.covariance_m2ps2
+    single_mean = np.where(a.valid[:, None], a.mean_mps, b.mean_mps)
+    single = np.where(a.valid[:, None, None], a.covariance_m2ps2, b.covariance_m2ps2)
+    return VelocityMeasurement(
+        np.where(both[:, None], mean, single_mean),
+        np.where(both[:, None, None], 0.5 * (covariance + covariance.swapaxes(1, 2)), single),
+        a.valid | b.valid,
+    )
 
 
 def concatenate_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurement:
