@@ -1,0 +1,115 @@
+"""Where a component might have been: correlation of occupancy over all displacements.
+
+The previous occupancy becomes a map of the distance to the nearest occupied cell; laying the
+component over it at every displacement and averaging is a correlation that forgives half a cell.
+Its best few minima are the starts of a registration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+@njit(cache=True)
+def distance_map(occupied: NDArray[np.bool_], cap: float) -> NDArray[np.float32]:
+    """(H, W) distance in cells to the nearest occupied cell, at most `cap`; 1 / sqrt(2) chamfer."""
+    height, width = occupied.shape
+    far = np.float32(cap)
+    diagonal = np.float32(np.sqrt(2.0))
+    one = np.float32(1.0)
+    distance = np.where(occupied, np.float32(0.0), far)
+    for r in range(1, height):
+        for c in range(1, width - 1):
+            near = min(distance[r, c - 1], distance[r - 1, c]) + one
+            cross = min(distance[r - 1, c - 1], distance[r - 1, c + 1]) + diagonal
+            distance[r, c] = min(distance[r, c], near, cross)
+    for r in range(height - 2, -1, -1):
+        for c in range(width - 2, 0, -1):
+            near = min(distance[r, c + 1], distance[r + 1, c]) + one
+            cross = min(distance[r + 1, c - 1], distance[r + 1, c + 1]) + diagonal
+            distance[r, c] = min(distance[r, c], near, cross)
+    return distance
+
+
+@njit(cache=True)
+def correlation_starts(
+    distance: NDArray[np.float32],
+    cells: NDArray[np.int64],
+    reach: int,
+    count: int,
+) -> NDArray[np.int64]:
+    """(K, 2) best displacements (rows, columns) of a component, local minima, best first.
+
+    Args:
+        distance: (H, W) capped distance map of the previous occupancy, in cells.
+        cells: (M, 2) row and column of the component's cells.
+        reach: largest displacement, in cells.
+        count: most displacements that are returned.
+    """
+    size = 2 * reach + 1
+    score = np.full((size + 2, size + 2), np.inf)
+    for i in range(size):
+        for j in range(size):
+            if (i - reach) ** 2 + (j - reach) ** 2 <= reach * reach:
+                score[i + 1, j + 1] = _mean_distance(distance, cells, i - reach, j - reach)
+    minima = np.empty((size * size, 3))
+    found = 0
+    for i in range(1, size + 1):
+        for j in range(1, size + 1):
+            if (
+                np.isfinite(score[i, j])
+                and score[i, j] <= score[i - 1 : i + 2, j - 1 : j + 2].min()
+            ):
+                minima[found, 0] = score[i, j]
+                minima[found, 1] = i - 1 - reach
+                minima[found, 2] = j - 1 - reach
+                found += 1
+    order = np.argsort(minima[:found, 0])[:count]
+    return minima[order, 1:].astype(np.int64)
+
+
+@njit(cache=True)
+def _mean_distance(
+    distance: NDArray[np.float32], cells: NDArray[np.int64], down: int, right: int
+) -> float:
+    height, width = distance.shape
+    total = 0.0
+    for k in range(len(cells)):
+        r = min(max(cells[k, 0] + down, 0), height - 1)
+        c = min(max(cells[k, 1] + right, 0), width - 1)
+        total += distance[r, c]
+    return total / len(cells)
+
+
+@njit(cache=True)
+def all_starts(
+    distance: NDArray[np.float32],
+    cells: NDArray[np.int64],
+    spans: NDArray[np.int64],
+    wanted: NDArray[np.bool_],
+    limits: tuple[int, int, int],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Starts (S, 2) in cells of every wanted component and the first of each (K + 1,).
+
+    Args:
+        distance: the capped distance map.
+        cells: (M, 2) cell of each point, sorted by component.
+        spans: (K + 1,) first point of each component.
+        wanted: (K,) components that are correlated.
+        limits: reach in cells, starts per component, points per component that are laid over.
+    """
+    count = len(wanted)
+    starts = np.empty((count * limits[1], 2), np.int64)
+    start_spans = np.zeros(count + 1, np.int64)
+    filled = 0
+    for k in range(count):
+        if wanted[k]:
+            stride = max((spans[k + 1] - spans[k]) // limits[2], 1)
+            chosen = np.ascontiguousarray(cells[spans[k] : spans[k + 1] : stride])
+            found = correlation_starts(distance, chosen, limits[0], limits[1])
+            starts[filled : filled + len(found)] = found
+            filled += len(found)
+        start_spans[k + 1] = filled
+    return starts[:filled].copy(), start_spans

@@ -1,0 +1,153 @@
+"""Registers components of one sweep pair: the shared engine of cluster ICP and refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mottrack.config import StrictModel
+from mottrack.core.grid import BevGrid
+from mottrack.flow.clusters import grown_labels
+from mottrack.flow.correlation import all_starts, distance_map
+from mottrack.flow.matching import MatchScene, match_components, rest_costs
+from mottrack.flow.prepared import Prepared
+from mottrack.lidar.point_grid import build_point_grid
+from mottrack.lidar.range_image import build_range_image
+from mottrack.lidar.thinning import first_in_voxel
+
+
+class MatchConfig(StrictModel):
+    """How components are compared; lengths in metres."""
+
+    voxel_m: float = Field(0.1, gt=0, description="one point per cube of this size is compared")
+    cell_m: float = Field(0.25, gt=0, description="cell of footprints and of the correlation")
+    z_scale: float = Field(
+        0.5, gt=0, le=1, description="heights count less: rings sample a wall at few of them"
+    )
+    cap_m: float = Field(0.5, gt=0, description="farthest pair, and the cap of a distance")
+    max_points: int = Field(80, ge=10, description="points of a component that are compared")
+    starts: int = Field(5, ge=0, description="best displacements of the correlation to start from")
+    max_speed_mps: float = Field(40.0, gt=0, description="fastest motion that is looked for")
+    search_above_m: float = Field(
+        0.05, ge=0, description="components that rest explains better are not searched"
+    )
+    max_extent_m: float = Field(20.0, gt=0, description="longer components are not searched")
+
+
+@dataclass(frozen=True, slots=True)
+class Matches:
+    """The best shift of each of K components."""
+
+    shift_m: NDArray[np.float64]
+    """(K, 2) planar shift from the current to the previous place."""
+    cost_m: NDArray[np.float64]
+    """(K,) mean capped distance, both ways, of the best shift."""
+    rest_cost_m: NDArray[np.float64]
+    """(K,) the same of no shift."""
+    compared: NDArray[np.int64]
+    """(K,) points, of both sweeps, that the cost of rest is the mean of; hidden ones left out."""
+    points: NDArray[np.int64]
+    """(K,) thinned points of the component."""
+
+
+@dataclass(frozen=True, slots=True)
+class Labels:
+    """Components of the thinned current points."""
+
+    of_point: NDArray[np.int64]
+    """(M,) component of each thinned point, -1 for none."""
+    count: int
+
+
+Starts = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""(S, 2) shifts in metres sorted by component, and the (K + 1,) first one of each."""
+
+
+class Matcher:
+    """Both sweeps of a pair, thinned and indexed."""
+
+    def __init__(self, prepared: Prepared, config: MatchConfig) -> None:
+        """Indexes the pair; the kept points are those that are compared."""
+        self.config = config
+        self.elapsed_s = prepared.elapsed_s
+        reach_m = _reach(prepared)
+        self.raster = BevGrid(-reach_m, reach_m, -reach_m, reach_m, config.cell_m)
+        kept = first_in_voxel(prepared.current.xyz_m, config.voxel_m)
+        self.points_m = np.array(prepared.current.xyz_m[kept])
+        self.previous_m = np.array(
+            prepared.previous.xyz_m[first_in_voxel(prepared.previous.xyz_m, config.voxel_m)]
+        )
+        scale = np.array([1.0, 1.0, config.z_scale], np.float32)
+        self._scaled_m = self.points_m * scale
+        then, now = prepared.previous_full, prepared.current_full
+        self._scene = MatchScene(
+            build_point_grid(self.previous_m * scale, config.cap_m, reach_m),
+            build_point_grid(self._scaled_m, config.cap_m, reach_m),
+            build_range_image(then.xyz_m, then.origin_m),
+            build_range_image(now.xyz_m, now.origin_m),
+            np.zeros((0, 0), np.int64),
+            (-reach_m, -reach_m),
+            config.cell_m,
+            config.z_scale,
+            config.cap_m,
+        )
+
+    def match(self, labels: Labels, given: Starts | None = None) -> Matches:
+        """Registers each component, from rest, from the given shifts, and from a correlation.
+
+        The correlation is left out where a start is given.
+        """
+        order = np.argsort(labels.of_point, kind="stable")
+        order = order[np.searchsorted(labels.of_point[order], 0) :]
+        spans = np.searchsorted(labels.of_point[order], np.arange(labels.count + 1))
+        points_m = np.ascontiguousarray(self._scaled_m[order])
+        rows, cols, inside = self.raster.cells(self.points_m)
+        scene = self._scene._replace(
+            footprint=grown_labels(self.raster.shape, (rows, cols), labels.of_point)
+        )
+        limits = (self.config.max_points, self.config.max_speed_mps * self.elapsed_s)
+        rest_m = rest_costs(scene, points_m, spans, self.config.max_points)
+        wanted = rest_m > self.config.search_above_m
+        cells = np.column_stack([rows, cols])[order]
+        starts = given or self._correlate(cells, spans, wanted & self._short(points_m, spans))
+        result = match_components(scene, points_m, spans, *starts, limits)
+        return Matches(
+            result[:, :2], result[:, 2], result[:, 3], result[:, 4].astype(int), np.diff(spans)
+        )
+
+    def _short(self, points_m: NDArray[np.float32], spans: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(K,) components that are not longer than a vehicle can be."""
+        if len(points_m) == 0:
+            return np.zeros(len(spans) - 1, dtype=np.bool_)
+        first = np.minimum(spans[:-1], len(points_m) - 1)
+        low_m = np.minimum.reduceat(points_m[:, :2], first)
+        high_m = np.maximum.reduceat(points_m[:, :2], first)
+        short: NDArray[np.bool_] = (high_m - low_m).max(axis=1) < self.config.max_extent_m
+        return short & (np.diff(spans) > 0)
+
+    def _correlate(
+        self, cells: NDArray[np.int64], spans: NDArray[np.int64], wanted: NDArray[np.bool_]
+    ) -> Starts:
+        """Starts from the correlation of occupancy, in steps of a cell, or more for long gaps."""
+        reach = int(np.ceil(self.config.max_speed_mps * self.elapsed_s / self.config.cell_m))
+        distance = distance_map(self.raster.occupancy(self.previous_m), 4.0)
+        shifts, first = all_starts(
+            distance, cells, spans, wanted, (reach, self.config.starts, _LAID_OVER)
+        )
+        return shifts[:, ::-1] * self.config.cell_m, first
+
+
+_LAID_OVER = 40
+"""Points of a component that the correlation lays over the distance map."""
+
+
+def _reach(prepared: Prepared) -> float:
+    """Half width of a square, a whole number of metres, that holds both sweeps."""
+    largest = 1.0
+    for sweep in (prepared.previous, prepared.current):
+        if len(sweep):
+            largest = max(largest, float(np.abs(sweep.xyz_m[:, :2]).max()))
+    return float(np.ceil(largest + 0.5))

@@ -1,0 +1,36 @@
+"""Fewer points where there are many: the first point of each voxel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+
+def first_in_voxel(xyz_m: NDArray[np.float32], voxel_m: float) -> NDArray[np.int64]:
+    """Indices, ascending, of the first point of (N, 3) in each cubic voxel."""
+    return np.asarray(_first(np.array(xyz_m, dtype=np.float32), voxel_m))
+
+
+@njit(cache=True)
+def _first(xyz_m: NDArray[np.float32], voxel_m: float) -> NDArray[np.int64]:
+    size = 1
+    while size < 2 * len(xyz_m) + 1:
+        size *= 2
+    table = np.full(size, -1, np.int64)
+    first = np.empty(len(xyz_m), np.int64)
+    count = 0
+    per_voxel = 1.0 / voxel_m
+    for i in range(len(xyz_m)):
+        x = np.int64(np.floor(xyz_m[i, 0] * per_voxel)) + (1 << 20)
+        y = np.int64(np.floor(xyz_m[i, 1] * per_voxel)) + (1 << 20)
+        z = np.int64(np.floor(xyz_m[i, 2] * per_voxel)) + (1 << 20)
+        key = (x << 42) | (y << 21) | z
+        slot = ((key * 0x9E3779B97F4A7C1) >> 20) & (size - 1)
+        while table[slot] != -1 and table[slot] != key:
+            slot = (slot + 1) & (size - 1)
+        if table[slot] == -1:
+            table[slot] = key
+            first[count] = i
+            count += 1
+    return first[:count].copy()
