@@ -84,16 +84,16 @@ class NodeBatch:
         `dt_s` (N,) is ignored at births. The rows are judged apart, so that one bad track does not
         cost the others their frame.
         """
-        position = np.isfinite(self.position_m).all(axis=1) & _definite(self.position_covariance_m2)
+        position = np.isfinite(self.position_m).all(axis=1) & definite(self.position_covariance_m2)
         velocity = np.isfinite(self.velocity_mps).all(axis=1)
-        velocity &= _definite(self.velocity_covariance_m2ps2)
+        velocity &= definite(self.velocity_covariance_m2ps2)
         step = self.birth | ((dt_s >= MIN_STEP_S) & (dt_s <= MAX_STEP_S))
         weight = (self.weight > 0.0) & (self.weight <= 1.0)
         usable: NDArray[np.bool_] = position & (velocity | ~self.has_velocity) & step & weight
         return usable
 
 
-def _definite(covariance: F64) -> NDArray[np.bool_]:
+def definite(covariance: F64) -> NDArray[np.bool_]:
     """(N,) 2 x 2 matrices that are finite, symmetric, positive definite and of sane magnitude."""
     xx, yy, xy = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
     with np.errstate(all="ignore"):

@@ -1,0 +1,224 @@
+"""Clusters that fall apart or run together, so that a track survives both.
+
+A split: an occlusion cuts an object, its pieces lie inside the hull that the track predicts. As
+long as their common hull is no larger than that, they are one measurement. Pieces that leave the
+hull become tracks of their own and inherit the velocity.
+
+A merge: two neighbours are close enough to be one component. Its centre belongs to neither, so it
+is no measurement; the tracks coast until the components part again, or until `hold_s` is over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mottrack.core.motion import VelocityMeasurement, concatenate_velocities
+from mottrack.core.objects import Objects
+from mottrack.geometry.hulls import hulls_of_groups
+from mottrack.geometry.polygon import clip_area, polygon_area
+from mottrack.trackers.fixed_lag.config import MergeSplitConfig
+from mottrack.trackers.fixed_lag.motion import F64
+
+I64 = NDArray[np.int64]
+Hulls = tuple[F64, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Overlaps:
+    """How predicted hulls of tracks (N) and hulls of objects (M) lie in each other."""
+
+    track: I64
+    """(P,) row of the track of each overlapping pair."""
+    object: I64
+    """(P,) row of the object."""
+    area_m2: F64
+    """(P,) shared area."""
+    track_area_m2: F64
+    """(N,)."""
+    object_area_m2: F64
+    """(M,)."""
+
+    @property
+    def of_track(self) -> F64:
+        """(P,) share of the track's hull that the object covers."""
+        return np.asarray(self.area_m2 / self.track_area_m2[self.track])
+
+    @property
+    def of_object(self) -> F64:
+        """(P,) share of the object's hull that lies in the track's."""
+        return np.asarray(self.area_m2 / self.object_area_m2[self.object])
+
+    @property
+    def iou(self) -> F64:
+        """(P,) intersection over union."""
+        union = self.track_area_m2[self.track] + self.object_area_m2[self.object] - self.area_m2
+        return np.asarray(self.area_m2 / union)
+
+
+def no_overlaps(tracks: int, objects: int) -> Overlaps:
+    """What is said of boxes, which do not fall apart or run together."""
+    none = np.zeros(0, np.int64)
+    return Overlaps(none, none, np.zeros(0), np.ones(tracks), np.ones(objects))
+
+
+def overlaps(tracks: Hulls, objects: Hulls) -> Overlaps:
+    """All overlapping pairs of two sets of convex, counter-clockwise hulls, in one frame."""
+    one, other = _flat(tracks), _flat(objects)
+    (area_one, box_one), (area_other, box_other) = _extents(*one), _extents(*other)
+    apart = (box_one[:, None, :2] > box_other[None, :, 2:]).any(axis=2)
+    apart |= (box_one[:, None, 2:] < box_other[None, :, :2]).any(axis=2)
+    track, found = np.nonzero(~apart)
+    area = _shared(*one, *other, (track, found))
+    kept = area > 0.0
+    return Overlaps(track[kept], found[kept], area[kept], area_one, area_other)
+
+
+def _flat(hulls: Hulls) -> tuple[F64, I64]:
+    """(sum K, 2) corners of all hulls, and where each begins (N + 1,)."""
+    start = np.zeros(len(hulls) + 1, np.int64)
+    np.cumsum([len(hull) for hull in hulls], out=start[1:])
+    return (np.concatenate(hulls) if hulls else np.zeros((0, 2))), start
+
+
+@njit(cache=True)
+def _extents(corner: F64, start: I64) -> tuple[F64, F64]:
+    """Area (N,), at least 1e-6, and bounds (N, 4): low x, low y, high x, high y."""
+    area, box = np.zeros(len(start) - 1), np.zeros((len(start) - 1, 4))
+    for h in range(len(area)):
+        first, last = start[h], start[h + 1]
+        x, y = corner[first, 0], corner[first, 1]
+        twice, low_x, low_y, high_x, high_y = 0.0, x, y, x, y
+        for k in range(first, last):
+            after = k + 1 if k + 1 < last else first
+            twice += (corner[k, 0] - x) * (corner[after, 1] - y)
+            twice -= (corner[k, 1] - y) * (corner[after, 0] - x)
+            low_x, high_x = min(low_x, corner[k, 0]), max(high_x, corner[k, 0])
+            low_y, high_y = min(low_y, corner[k, 1]), max(high_y, corner[k, 1])
+        area[h] = max(0.5 * abs(twice), 1e-6)
+        box[h, 0], box[h, 1], box[h, 2], box[h, 3] = low_x, low_y, high_x, high_y
+    return area, box
+
+
+@njit(cache=True)
+def _shared(a: F64, a_start: I64, b: F64, b_start: I64, pairs: tuple[I64, I64]) -> F64:
+    """(P,) area shared by the hulls of each pair, about a common origin."""
+    area = np.zeros(len(pairs[0]))
+    for p in range(len(area)):
+        i, j = pairs[0][p], pairs[1][p]
+        origin = a[a_start[i]].copy()
+        one = a[a_start[i] : a_start[i + 1]] - origin
+        two = b[b_start[j] : b_start[j + 1]] - origin
+        area[p] = clip_area(one, two, np.empty((2, len(one) + len(two) + 1, 2)))
+    return area
+
+
+def fragments(pairs: Overlaps, config: MergeSplitConfig) -> list[tuple[int, I64]]:
+    """Tracks whose predicted hull holds at least two objects that fit no other track better."""
+    if len(pairs.track) == 0:
+        return []
+    order = np.lexsort((-pairs.iou, pairs.object))
+    _, first = np.unique(pairs.object[order], return_index=True)
+    best = order[first]
+    small = pairs.object_area_m2[pairs.object[best]] < pairs.track_area_m2[pairs.track[best]]
+    inside = best[(pairs.of_object[best] >= config.inside_share) & small]
+    owner = pairs.track[inside]
+    groups = [(int(track), pairs.object[inside[owner == track]]) for track in np.unique(owner)]
+    return [(track, group) for track, group in groups if len(group) > 1]
+
+
+def joined(
+    objects: Objects, groups: list[tuple[int, I64]], track_area_m2: F64, growth: float
+) -> Objects:
+    """The objects with each group replaced by one, where its hull does not outgrow the track's."""
+    gone: list[int] = []
+    rows: list[Objects] = []
+    for track, group in groups:
+        one = _joined(objects, group)
+        limit_m2 = growth * track_area_m2[track]
+        if one.hull is not None and polygon_area(one.hull[0]) <= limit_m2:
+            gone.extend(group.tolist())
+            rows.append(one)
+    if not rows:
+        return objects
+    kept = objects.select(~np.isin(np.arange(len(objects)), gone))
+    return _stacked([kept, *rows])
+
+
+def _joined(objects: Objects, group: I64) -> Objects:
+    """One object with the common hull of a group; other fields come from its largest piece."""
+    hulls = objects.hull or ()
+    size = np.array([polygon_area(hulls[k]) for k in group])
+    largest = objects.select(group[[int(size.argmax())]])
+    corners = np.concatenate([hulls[k] for k in group])
+    origin = corners[0].copy()
+    hull = hulls_of_groups(corners - origin, np.array([0, len(corners)]))
+    low = (objects.centre_m[group, 2] - objects.size_m[group, 2] / 2).min()
+    high = (objects.centre_m[group, 2] + objects.size_m[group, 2] / 2).max()
+    centre_m = np.append(hull.centroid_m[0] + origin, 0.5 * (low + high))
+    size_m = np.append(np.maximum(hull.rectangle[0, 2:4], 0.1), high - low)
+    velocity = objects.velocity
+    return replace(
+        largest,
+        centre_m=centre_m[None],
+        size_m=size_m[None],
+        yaw_rad=hull.rectangle[:, 4],
+        hull=(hull.corner_m + origin,),
+        velocity=None if velocity is None else _mean_velocity(velocity, group, size),
+        num_points=None if objects.num_points is None else objects.num_points[group].sum()[None],
+    )
+
+
+def _mean_velocity(velocity: VelocityMeasurement, group: I64, size: F64) -> VelocityMeasurement:
+    weight = np.where(velocity.valid[group], size, 0.0)
+    if weight.sum() == 0:
+        return VelocityMeasurement.absent(1)
+    share = weight / weight.sum()
+    mean = share @ velocity.mean_mps[group]
+    covariance = np.einsum("n,nij->ij", share, velocity.covariance_m2ps2[group])
+    return VelocityMeasurement(mean[None], covariance[None], np.array([True]))
+
+
+def _stacked(parts: list[Objects]) -> Objects:
+    """All rows of several sets of objects that have the same fields."""
+    optional = ("position_covariance_m2", "num_points")
+    names = ["centre_m", "size_m", "yaw_rad", "label", "score"]
+    names += [name for name in optional if getattr(parts[0], name) is not None]
+    changes: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+    }
+    changes["hull"] = tuple(hull for part in parts for hull in part.hull or ())
+    velocities = [part.velocity for part in parts if part.velocity is not None]
+    changes["velocity"] = concatenate_velocities(velocities) if velocities else None
+    return replace(parts[0], **changes)
+
+
+def merged(pairs: Overlaps, config: MergeSplitConfig) -> list[tuple[int, I64]]:
+    """Objects that each swallowed at least two tracks, with the rows of those tracks."""
+    covering = pairs.of_track >= config.inside_share
+    found = []
+    for row in np.unique(pairs.object[covering]):
+        tracks = pairs.track[covering & (pairs.object == row)]
+        areas = pairs.track_area_m2[tracks]
+        whole = pairs.object_area_m2[row]
+        # tracks on top of each other are duplicates of one object, not neighbours
+        apart = areas.sum() <= 1.2 * whole
+        if len(tracks) > 1 and apart and whole > config.growth * areas.max():
+            found.append((int(row), tracks))
+    return found
+
+
+def parents(pairs: Overlaps, born: I64, share: float) -> dict[int, int]:
+    """The track whose predicted hull holds most of a new object, by row of the object."""
+    heirs: dict[int, int] = {}
+    for row in born.tolist():
+        mine = np.nonzero(pairs.object == row)[0]
+        if len(mine):
+            best = mine[pairs.of_object[mine].argmax()]
+            if pairs.of_object[best] >= share:
+                heirs[row] = int(pairs.track[best])
+    return heirs
