@@ -62,13 +62,13 @@ class Life:
         config = self._config
         grown = (book.hits >= config.min_hits) | (self._steps[book.label] <= config.min_hits)
         fresh = book.misses <= config.output_misses
-        fresh |= (book.misses > 0) & (coasted_s(book, stamp_ns) <= config.output_coast_s)
+        fresh |= _within(book, stamp_ns, config.output_coast_s)
         return grown & fresh & self.active(book.label, present)
 
     def alive(self, book: TrackBook, stamp_ns: int) -> Mask:
         """Tracks that live on into the next step."""
         by_steps = book.misses <= self._config.max_misses
-        return by_steps | (coasted_s(book, stamp_ns) <= self._config.max_coast_s)
+        return by_steps | _within(book, stamp_ns, self._config.max_coast_s)
 
     def score(self, book: TrackBook, stamp_ns: int) -> F64:
         """Score of every track, less the decay of coasting."""
@@ -78,6 +78,11 @@ class Life:
             "confidence": book.confidence,
         }
         return kinds[self._config.score] * self._config.decay_per_s ** coasted_s(book, stamp_ns)
+
+
+def _within(book: TrackBook, stamp_ns: int, limit_s: float) -> Mask:
+    """Tracks last detected at most `limit_s` ago; in nanoseconds, so that no rounding decides."""
+    return np.asarray(stamp_ns - book.seen_ns <= round(limit_s * 1e9))
 
 
 def coasted_s(book: TrackBook, stamp_ns: int) -> F64:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +64,16 @@ class VelocityConfig(StrictModel):
     gate: float | None = Field(
         None, gt=0, description="ignore a velocity further than this many sigma from its track"
     )
+
+    @model_validator(mode="after")
+    def _covariance_is_one(self) -> Self:
+        if self.covariance is not None:
+            xx, xy, yy = self.covariance
+            if not (xx > 0 and yy > 0 and xy * xy < xx * yy):
+                raise ValueError(
+                    f"covariance is {self.covariance}, expected xx, xy, yy positive definite"
+                )
+        return self
 
 
 class AssociationConfig(StrictModel):

@@ -22,7 +22,7 @@ class Motion:
     acceleration_mps2: float
     yaw_rate_rps: float
     along_ratio: float = 1.0
-    across_ratio: float = 1.0
+    across_ratio: float = 0.3
 
 
 CORRELATION_S = 1.0
@@ -42,10 +42,10 @@ DEFAULT: dict[str, Motion] = {
     "motorcycle": Motion(0.22, 0.15, 0.30, (0.18, 0.10, 0.12), 5.0, 1.8, 0.5),
     "bicycle": Motion(0.22, 0.15, 0.30, (0.18, 0.10, 0.12), 3.0, 1.2, 0.5),
     "cyclist": Motion(0.22, 0.15, 0.30, (0.18, 0.10, 0.12), 3.0, 1.2, 0.5),
-    "pedestrian": Motion(0.18, 0.15, 0.50, (0.15, 0.12, 0.14), 1.3, 0.6, 0.8),
+    "pedestrian": Motion(0.18, 0.15, 0.50, (0.15, 0.12, 0.14), 1.3, 0.6, 0.8, across_ratio=1.0),
 }
 
-UNKNOWN = Motion(0.30, 0.20, 0.30, (0.40, 0.20, 0.20), 5.0, 1.5, 0.4)
+UNKNOWN = Motion(0.30, 0.20, 0.30, (0.40, 0.20, 0.20), 5.0, 1.5, 0.4, across_ratio=1.0)
 """Any other class: something on the road of which nothing is known."""
 
 

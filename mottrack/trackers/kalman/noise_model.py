@@ -42,25 +42,28 @@ class NoiseRows:
 def position_covariance(noise: NoiseRows, yaw_rad: F64) -> F64:
     """Covariance (N, 2, 2) of the observed centre: the class's own, stretched along the heading."""
     variance = noise.observation[:, :2]
-    covariance = variance[:, :, None] * np.eye(2)
-    stretched = noise.along_ratio != 1.0
-    if stretched.any():
-        along = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
-        extra = (noise.along_ratio**2 - 1.0) * variance.mean(axis=1)
-        covariance += (extra[:, None, None]) * along[:, :, None] * along[:, None, :]
-    return covariance
+    if (noise.along_ratio == 1.0).all():
+        return _diagonal(variance)
+    return _aligned(noise.along_ratio**2 * variance.mean(axis=1), variance.mean(axis=1), yaw_rad)
 
 
 def initial_velocity_covariance(noise: NoiseRows, yaw_rad: F64) -> F64:
     """Covariance (N, 2, 2) of a new track's velocity: objects drive along their heading."""
+    variance = noise.initial[:, 7:9]
     if (noise.across_ratio == 1.0).all():
-        return np.asarray(noise.initial[:, 7:9, None] * np.eye(2))
-    variance = noise.initial[:, 7:9].mean(axis=1)
-    along = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
-    across = variance * noise.across_ratio**2
-    covariance = across[:, None, None] * np.eye(2)
-    covariance += (variance - across)[:, None, None] * along[:, :, None] * along[:, None, :]
-    return covariance
+        return _diagonal(variance)
+    return _aligned(variance.mean(axis=1), noise.across_ratio**2 * variance.mean(axis=1), yaw_rad)
+
+
+def _diagonal(variance: F64) -> F64:
+    return np.asarray(variance[:, :, None] * np.eye(2))
+
+
+def _aligned(along: F64, across: F64, yaw_rad: F64) -> F64:
+    """Covariances with the variances `along` (N,) the heading and `across` (N,) it."""
+    heading = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
+    stretch = (along - across)[:, None, None] * heading[:, :, None] * heading[:, None, :]
+    return np.asarray(across[:, None, None] * np.eye(2) + stretch)
 
 
 def pair_growth(process: F64, dt_s: F64, wiener: bool) -> tuple[F64, F64, F64]:

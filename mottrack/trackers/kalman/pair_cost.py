@@ -57,8 +57,9 @@ def mahalanobis_cost(
     """Distance sqrt(r' S^-1 r) and cost of each pair, (P,) twice.
 
     S = H P H' + R is taken block by block: (x, y), the numbers of `config.components`, and where
-    a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or with `log_det`
-    XX
+    a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or,
+    where the density of strays is known, the surprise -2 ln p(x, y | track): a wide track does not
+    take what a sharp one explains better, and a pair less likely than a stray is none.
     """
     i, j = pairs
     planar, offset = tracks.planar[j], seen.box[i, :2] - tracks.mean[j, :2]

@@ -21,9 +21,14 @@ _PUBLISHED: dict[str, Any] = {
 
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {
-        "association": {"components": "planar", "gate": 4.0},
+        "association": {
+            "components": "planar",
+            "method": "hungarian",
+            "gate": 5.0,
+            "stray_per_m2": 0.01,
+        },
         "nms": {"enabled": True},
-        "life": {"max_coast_s": 1.5, "output_coast_s": 1.0, "score": "mean"},
+        "life": {"max_coast_s": 1.5, "output_coast_s": 0.6, "decay_per_s": 0.5},
     },
     "stanford_iprl_tri": _PUBLISHED,
     "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"}},

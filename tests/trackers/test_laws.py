@@ -1,0 +1,193 @@
+"""What no change of order, place or scale may change, and what bad input may not do."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mottrack.core.errors import InputError, MottrackError
+from mottrack.core.motion import VelocityMeasurement
+from mottrack.core.objects import Objects, Tracks
+from mottrack.core.pose import Pose, wrap_angle
+from mottrack.trackers import KalmanTracker
+from mottrack.trackers.kalman.config import ClassNoise
+from mottrack.trackers.kalman.noise_table import TABLES
+
+Workload = Callable[..., list[Objects]]
+
+
+def with_velocities(stream: list[Objects], seed: int) -> list[Objects]:
+    rng = np.random.default_rng(seed)
+    moving = []
+    for objects in stream:
+        n = len(objects)
+        spread = rng.normal(0, 1, (n, 2, 2))
+        covariance = spread @ spread.swapaxes(1, 2) + 0.1 * np.eye(2)
+        velocity = VelocityMeasurement(rng.normal(0, 2, (n, 2)), covariance, rng.random(n) < 0.6)
+        moving.append(objects.with_velocity(velocity))
+    return moving
+
+
+def track(stream: list[Objects], config: KalmanTracker.Config | None = None) -> list[Tracks]:
+    tracker = KalmanTracker(config)
+    return [tracker.step(objects.stamp_ns, objects) for objects in stream]
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=8, deadline=None)
+def test_order_of_detections_is_of_no_consequence(workload: Workload, seed: int) -> None:
+    stream = with_velocities(workload(seed, frames=10, crowd=25), seed)
+    rng = np.random.default_rng(seed + 1)
+    shuffled = [objects.select(rng.permutation(len(objects))) for objects in stream]
+    for a, b in zip(track(stream), track(shuffled), strict=True):
+        np.testing.assert_array_equal(a.id, b.id)
+        np.testing.assert_array_equal(a.state, b.state)
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    yaw=st.floats(-3, 3),
+    x=st.floats(-500, 500),
+    y=st.floats(-500, 500),
+)
+@settings(max_examples=8, deadline=None)
+def test_tracks_move_with_the_world(
+    workload: Workload, seed: int, yaw: float, x: float, y: float
+) -> None:
+    stream = with_velocities(workload(seed, frames=10, crowd=25), seed)
+    pose = Pose.from_yaw(yaw, (x, y, 3.0))
+    moved = [objects.transformed(pose, "world") for objects in stream]
+    for a, b in zip(track(stream), track(moved), strict=True):
+        expected = a.transformed(pose, "world")
+        np.testing.assert_array_equal(expected.id, b.id)
+        np.testing.assert_allclose(expected.centre_m, b.centre_m, atol=1e-6)
+        np.testing.assert_allclose(expected.velocity_mps, b.velocity_mps, atol=1e-6)
+        np.testing.assert_allclose(wrap_angle(expected.yaw_rad - b.yaw_rad), 0.0, atol=1e-6)
+
+
+def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker.Config:
+    """The settings of a world in which everything takes `factor` times as long."""
+    power = np.array([1] * 7 + [3] * 4)
+    classes = {}
+    for label, noise in TABLES["default"]().items():
+        initial, process = np.array(noise.initial), np.array(noise.process)
+        initial[7:] /= factor**2
+        changed = noise.model_dump() | {"initial": initial, "process": process / factor**power}
+        classes[label] = ClassNoise(**changed)
+    life = config.life.model_copy(
+        update={
+            "max_coast_s": factor * config.life.max_coast_s,
+            "output_coast_s": factor * config.life.output_coast_s,
+            "decay_per_s": config.life.decay_per_s ** (1 / factor),
+        }
+    )
+    velocity = config.velocity.model_copy(update={"floor_mps": config.velocity.floor_mps / factor})
+    noise = config.noise.model_copy(update={"classes": classes})
+    return config.model_copy(update={"noise": noise, "life": life, "velocity": velocity})
+
+
+@pytest.mark.parametrize("factor", [2, 10])
+def test_slow_motion_changes_nothing_but_speeds(workload: Workload, factor: int) -> None:
+    stream = with_velocities(workload(7, frames=20, crowd=40), 7)
+    slow = []
+    for o in stream:
+        assert o.velocity is not None
+        v = o.velocity
+        v = VelocityMeasurement(v.mean_mps / factor, v.covariance_m2ps2 / factor**2, v.valid)
+        later = o.transformed(Pose.identity(), "world").with_velocity(v)
+        slow.append(later)
+    config = KalmanTracker.Config()
+    tracker = KalmanTracker(in_slow_motion(config, factor))
+    for a, o in zip(track(stream), slow, strict=True):
+        b = tracker.step(o.stamp_ns * factor, o)
+        np.testing.assert_array_equal(a.id, b.id)
+        np.testing.assert_allclose(a.centre_m, b.centre_m, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(a.velocity_mps, factor * b.velocity_mps, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(a.score, b.score, rtol=1e-9)
+
+
+def test_a_refused_step_leaves_no_trace(workload: Workload) -> None:
+    stream = workload(11, frames=6, crowd=20)
+    expected = track(stream)
+    tracker = KalmanTracker()
+    for objects, tracks in zip(stream, expected, strict=True):
+        if objects.stamp_ns > 0:
+            for stamp_ns in (objects.stamp_ns - 500_000_000, -1):
+                with pytest.raises(InputError, match="later than the last step"):
+                    tracker.step(stamp_ns, objects)
+        with pytest.raises(InputError, match="frame of objects"):
+            tracker.step(objects.stamp_ns, objects.transformed(Pose.identity(), "ego"))
+        with pytest.raises(InputError, match="stamp_ns"):
+            tracker.step(0.5, objects)  # type: ignore[arg-type]
+        got = tracker.step(objects.stamp_ns, objects)
+        np.testing.assert_array_equal(got.id, tracks.id)
+        np.testing.assert_array_equal(got.state, tracks.state)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"centre_m": np.full((1, 3), np.nan)}, "centre_m"),
+        ({"size_m": np.array([[4.0, -2.0, 1.5]])}, "size_m"),
+        ({"score": np.array([np.inf])}, "score"),
+    ],
+)
+def test_unusable_boxes_never_reach_the_tracker(change: dict[str, object], words: str) -> None:
+    good: dict[str, object] = {
+        "stamp_ns": 0,
+        "frame": "world",
+        "centre_m": np.zeros((1, 3)),
+        "size_m": np.ones((1, 3)),
+        "yaw_rad": np.zeros(1),
+        "label": np.array(["car"]),
+        "score": np.ones(1),
+    }
+    with pytest.raises(MottrackError, match=words):
+        Objects(**(good | change))  # type: ignore[arg-type]
+    with pytest.raises(MottrackError, match="covariance"):
+        VelocityMeasurement(np.zeros((1, 2)), -np.ones((1, 2, 2)), np.ones(1, bool))
+
+
+def test_an_exact_velocity_is_no_division_by_zero() -> None:
+    exact = VelocityMeasurement(np.full((1, 2), 3.0), np.zeros((1, 2, 2)), np.ones(1, bool))
+    for preset in ("default", "pillarflow"):
+        tracker = KalmanTracker(KalmanTracker.Config(preset=preset))
+        for k in range(5):
+            objects = Objects(
+                stamp_ns=k * 10**8,
+                frame="world",
+                centre_m=np.full((1, 3), 0.3 * k),
+                size_m=np.ones((1, 3)),
+                yaw_rad=np.zeros(1),
+                label=np.array(["car"]),
+                score=np.ones(1),
+                velocity=exact,
+            )
+            tracks = tracker.step(k * 10**8, objects)
+        assert np.linalg.eigvalsh(tracks.covariance[0]).min() > 0
+        np.testing.assert_allclose(tracks.velocity_mps, 3.0, atol=0.2)
+
+
+def test_nothing_and_five_thousand_and_an_unknown_class() -> None:
+    rng = np.random.default_rng(0)
+    tracker = KalmanTracker()
+    assert len(tracker.step(0, Objects.empty(0))) == 0
+    n = 5000
+    many = Objects(
+        stamp_ns=1,
+        frame="world",
+        centre_m=np.column_stack([rng.uniform(-500, 500, (n, 2)), np.zeros(n)]),
+        size_m=np.ones((n, 3)),
+        yaw_rad=np.zeros(n),
+        label=np.full(n, "hovercraft"),
+        score=rng.random(n),
+    )
+    tracks = tracker.step(1, many)
+    assert len(tracks) > 4900
+    assert set(tracks.label.tolist()) == {"hovercraft"}
+    again = tracker.step(10**8, many)
+    assert set(again.id.tolist()) == set(tracks.id.tolist())
+    published = KalmanTracker(KalmanTracker.Config(preset="stanford_iprl_tri"))
+    assert len(published.step(1, many)) == 0
