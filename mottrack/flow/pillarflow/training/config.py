@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -17,8 +16,13 @@ from mottrack.flow.pillarflow.training.schedule import ScheduleConfig
 class ExamplesConfig(StrictModel):
     """Where the examples come from; they are made ahead, once, and kept as shards."""
 
-    source: str = Field("synthetic", description="`synthetic`, or any data set with tracks")
-    root: Path | None = Field(None, description="directory of a recorded data set")
+    dataset: dict[str, Any] | None = Field(
+        None, description="a recorded data set with tracks (kind and settings); null: the world"
+    )
+    world: dict[str, Any] = Field(
+        default_factory=dict, description="settings of the embedded world's training pairs"
+    )
+    pair_s: float = Field(0.1, gt=0, description="wanted age of a recorded pair's earlier sweep")
     seed: int = Field(1, ge=0, description="seed of the embedded world")
     pairs: int = Field(6000, ge=1, description="number of examples")
     validation_seed: int = Field(900_001, ge=0, description="seed of the held-out pairs")

@@ -1,0 +1,142 @@
+"""``mottrack train``, ``mottrack examples`` and ``mottrack export``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from mottrack.flow.pillarflow.training.checkpoint import Progress
+    from mottrack.flow.pillarflow.training.config import ExamplesConfig, TrainConfig
+
+Config = Annotated[str, typer.Argument(help="YAML file of a training run, or a shipped one")]
+Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
+Out = Annotated[Path, typer.Option("--out", help="folder of the run; a checkpoint is resumed")]
+Examples = Annotated[
+    Path, typer.Option("--examples", help="folder in which sets of examples are kept")
+]
+
+Into = Annotated[Path, typer.Option("--out", help="folder in which the set of examples is made")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands of this module."""
+    app.command("train")(train)
+    app.command("examples")(examples)
+    app.command("export")(export)
+
+
+def train(
+    config: Config,
+    overrides: Overrides = None,
+    *,
+    out: Out,
+    examples: Examples = Path("out/examples"),
+) -> None:
+    """Train a PillarFlow network; under torchrun on all its processes."""
+    from mottrack.flow.pillarflow.training.run import run
+    from mottrack.flow.pillarflow.training.shards import Shards
+
+    settings = _read(config, overrides or [])
+    folder = _examples(settings.examples, examples)
+    training, held_out = Shards(folder / "training"), Shards(folder / "validation")
+    with _Bar("train", settings.steps) as bar:
+        scores = run(settings, out, training, held_out, bar.training)
+    if scores is not None:
+        for name, value in scores.as_dict().items():
+            typer.echo(f"{name:20} {value:.3f}")
+
+
+def examples(
+    config: Config, overrides: Overrides = None, *, out: Into = Path("out/examples")
+) -> None:
+    """Make the examples of a training run ahead of it."""
+    settings = _read(config, overrides or [])
+    typer.echo(str(_examples(settings.examples, out)))
+
+
+def export(
+    weights: Annotated[str, typer.Argument(help="shipped weights by name, or a file")],
+    *,
+    out: Annotated[Path, typer.Option("--out", help="the .onnx file to write")],
+) -> None:
+    """Write everything behind the pillars as ONNX and check it in onnxruntime."""
+    from mottrack.core.grid import BevGrid
+    from mottrack.flow.pillarflow.export import export_onnx
+    from mottrack.flow.pillarflow.raster import network_cells
+    from mottrack.flow.pillarflow.weights_file import load_weights, weights_path
+
+    loaded = load_weights(weights_path(weights))
+    shape = loaded.network.config
+    cells = network_cells(BevGrid(), shape.cell_m, shape.multiple)
+    worst_m = export_onnx(loaded, out, cells)
+    typer.echo(f"{out}: onnxruntime differs by at most {worst_m:.2g} m")
+
+
+def _read(config: str, overrides: list[str]) -> TrainConfig:
+    from pydantic import ValidationError
+
+    from mottrack.core.errors import ConfigError
+    from mottrack.flow.pillarflow.training.config import TrainConfig
+    from mottrack.pipeline.configs import find_config
+    from mottrack.pipeline.explain import explain
+    from mottrack.pipeline.overrides import parse_override, set_key
+    from mottrack.pipeline.yaml_file import read_yaml
+
+    tree = read_yaml(find_config(config))
+    for text in overrides:
+        key, values = parse_override(text)
+        if len(values) != 1:
+            raise ConfigError(f"override '{text}' has several values; training takes one")
+        set_key(tree, key, values[0])
+    try:
+        return TrainConfig.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(explain(error, TrainConfig)) from error
+
+
+def _examples(config: ExamplesConfig, parent: Path) -> Path:
+    """Make the examples, or wait for the first process to have made them."""
+    from mottrack.pipeline.training_data import await_examples, examples_folder, make_examples
+
+    folder = examples_folder(config, parent)
+    if int(os.environ.get("RANK", "0")):
+        await_examples(folder)
+    else:
+        with _Bar("examples", 0) as bar:
+            make_examples(config, folder, bar.shards)
+    return folder
+
+
+class _Bar:
+    """A progress bar; only the first process shows it."""
+
+    def __init__(self, title: str, total: int) -> None:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+        from rich.progress import TimeRemainingColumn as Remaining
+
+        hidden = int(os.environ.get("RANK", "0")) != 0
+        text = TextColumn("{task.fields[now]}")
+        columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), Remaining(), text)
+        self._progress = Progress(*columns, disable=hidden)
+        self._task = self._progress.add_task(title, total=total or None, now="")
+
+    def __enter__(self) -> _Bar:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def shards(self, done: int, total: int) -> None:
+        """After each shard of examples."""
+        self._progress.update(self._task, completed=done, total=total)
+
+    def training(self, progress: Progress) -> None:
+        """After each step."""
+        losses = [point["loss"] for point in progress.history[-3:] if "loss" in point]
+        now = f"loss {losses[-1]:.3f}" if losses else ""
+        self._progress.update(self._task, completed=progress.step, now=now)

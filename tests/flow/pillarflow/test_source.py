@@ -1,0 +1,204 @@
+"""PillarFlow as a flow source: its contract, its bad input, its export."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from mottrack.core.errors import DataError, InputError
+from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSource
+from mottrack.core.objects import Truth
+from mottrack.core.pose import Pose
+from mottrack.core.sweep import Sweep
+from mottrack.flow.pillarflow.config import NetworkConfig
+from mottrack.flow.pillarflow.descriptors import CellGrid, describe
+from mottrack.flow.pillarflow.export import export_onnx
+from mottrack.flow.pillarflow.inference.engine import CpuEngine
+from mottrack.flow.pillarflow.network import PillarFlowNet, SweepPair
+from mottrack.flow.pillarflow.pillar_net import Points
+from mottrack.flow.pillarflow.presets import PRESETS
+from mottrack.flow.pillarflow.source import (
+    BinaryOgmConfig,
+    BinaryOgmFlow,
+    PillarFlow,
+    PillarFlowConfig,
+)
+from mottrack.flow.pillarflow.training.labels import labels_from_tracks
+from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights
+
+GRID = BevGrid(-16.0, 16.0, -12.0, 12.0, 0.25)
+TINY = NetworkConfig(pillar_channels=8, pyramid_channels=(8, 8, 8), estimator_channels=(8, 8))
+
+
+def _weights(config: NetworkConfig = TINY, seed: int = 0) -> Weights:
+    """Random weights with statistics, and motions worth comparing."""
+    torch.manual_seed(seed)
+    network = PillarFlowNet(config)
+    for module in network.modules():
+        if isinstance(module, torch.nn.BatchNorm1d | torch.nn.BatchNorm2d):
+            torch.nn.init.uniform_(module.running_mean, -0.2, 0.2)
+            torch.nn.init.uniform_(module.running_var, 0.5, 1.5)
+        if isinstance(module, torch.nn.Conv2d) and module.out_channels == 2:
+            torch.nn.init.normal_(module.weight, std=0.05)
+    return Weights(network.eval(), 1.3, True)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "weights.safetensors"
+    save_weights(path, _weights())
+    return path
+
+
+def _sweep(stamp_ns: int, seed: int = 0, count: int = 4000) -> Sweep:
+    rng = np.random.default_rng(seed)
+    xyz = rng.uniform((-15, -11, -1.8), (15, 11, 1.0), (count, 3)).astype(np.float32)
+    xyz[: count // 2, 2] = -1.8
+    return Sweep(xyz, rng.uniform(0, 1, count).astype(np.float32), stamp_ns, Pose.identity())
+
+
+def _source(file: Path, **settings: object) -> PillarFlow:
+    return PillarFlow(PillarFlowConfig(weights=str(file), **settings), grid=GRID)
+
+
+def test_it_is_a_flow_source_with_a_field_on_the_grid(file: Path) -> None:
+    source = _source(file)
+    assert isinstance(source, FlowSource)
+    field = source.estimate(_sweep(0), _sweep(100_000_000, 1))
+    assert field.grid == GRID
+    assert field.occupied.any()
+    assert not field.velocity_mps[~field.occupied].any()
+    assert not (field.valid & ~field.occupied).any()
+    eigenvalues = np.linalg.eigvalsh(field.covariance_m2ps2[field.valid])
+    assert (eigenvalues > 0).all()
+
+
+def test_raw_is_what_estimate_returns_unrefined(file: Path) -> None:
+    source = _source(file, refined=False)
+    previous, current = _sweep(0), _sweep(100_000_000, 1)
+    field = source.estimate(previous, current)
+    raw = source.raw(source.stages.before(previous, current))
+    assert np.array_equal(field.velocity_mps, raw.velocity_mps)
+
+
+def test_half_the_time_is_twice_the_velocity(file: Path) -> None:
+    source = _source(file, refined=False)
+    slow = source.estimate(_sweep(0), _sweep(100_000_000, 1))
+    fast = source.estimate(_sweep(0), _sweep(50_000_000, 1))
+    assert np.allclose(2 * slow.velocity_mps, fast.velocity_mps, rtol=1e-4, atol=1e-6)
+
+
+def test_folded_inference_equals_the_trained_network() -> None:
+    weights, cells = _weights(), CellGrid(-16.0, -16.0, 0.5, 64, 64)
+    rng = np.random.default_rng(0)
+    sweeps = [
+        rng.uniform((-16, -16, 0.3, 0), (16, 16, 2.5, 1), (900, 4)).astype(np.float32)
+        for _ in range(2)
+    ]
+    seen = rng.uniform(0, 1, (4, 64, 64)).astype(np.float32)
+    motion = CpuEngine(weights).run(sweeps[1], sweeps[0], seen, cells)
+    described = [describe(points, cells)[:2] for points in sweeps]
+    points = [Points(torch.from_numpy(d), torch.from_numpy(c), (1, 64, 64)) for d, c in described]
+    with torch.no_grad():
+        estimate = weights.network(SweepPair(*points, torch.from_numpy(seen)[None]))
+    wanted = estimate.motions[-1][0].permute(1, 2, 0).numpy()
+    assert np.abs(wanted).max() > 0.05
+    assert np.allclose(motion.motion_m, wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_next_to_nothing_gives_a_defined_field(file: Path, count: int) -> None:
+    source, some = _source(file), _sweep(100_000_000, 1)
+    little = replace(_sweep(0), xyz_m=some.xyz_m[:count], reflectance=some.reflectance[:count])
+    assert not source.estimate(little, some).valid.any() or count
+    late = replace(little, stamp_ns=200_000_000)
+    field = source.estimate(some, late)
+    assert field.occupied.sum() <= count
+    both = source.estimate(little, late)
+    assert np.isfinite(both.velocity_mps).all()
+
+
+def test_order_gap_and_nan(file: Path) -> None:
+    source, sweep = _source(file), _sweep(5)
+    for stamp_ns in (5, 4):
+        with pytest.raises(InputError, match="stamp_ns"):
+            source.estimate(sweep, _sweep(stamp_ns, 1))
+    gap = source.estimate(sweep, _sweep(3_000_000_005, 1))
+    assert gap.occupied.any() and not gap.valid.any()
+    with pytest.raises(InputError, match="xyz_m"):
+        replace(sweep, xyz_m=np.full_like(sweep.xyz_m, np.nan))
+
+
+def test_unusable_weights_are_named(file: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="absent"):
+        _source(tmp_path / "none.safetensors")
+    with pytest.raises(DataError, match=r"one of \["):
+        PillarFlow(PillarFlowConfig(weights="of_another_project"))
+    torn = tmp_path / "torn.safetensors"
+    torn.write_bytes(file.read_bytes()[:-100])
+    foreign = tmp_path / "foreign.safetensors"
+    save_file({"a": torch.zeros(2)}, foreign)
+    text = tmp_path / "text.safetensors"
+    text.write_text("hello")
+    shaped = tmp_path / "shaped.safetensors"
+    weights = _weights()
+    weights.network.encoder.linear.weight = torch.nn.Parameter(torch.zeros(9, 9))
+    save_weights(shaped, weights)
+    infinite = tmp_path / "infinite.safetensors"
+    weights = _weights()
+    weights.network.encoder.linear.weight.data[0, 0] = torch.inf
+    save_weights(infinite, weights)
+    for bad in (torn, foreign, text, shaped, infinite):
+        with pytest.raises(DataError, match=bad.name):
+            load_weights(bad)
+
+
+def test_binary_network_runs_behind_the_same_interface(tmp_path: Path) -> None:
+    path = tmp_path / "binary.safetensors"
+    save_weights(path, _weights(PRESETS["binary_ogm"]))
+    source = BinaryOgmFlow(BinaryOgmConfig(weights=str(path)), grid=GRID)
+    field = source.estimate(_sweep(0), _sweep(100_000_000, 1))
+    assert field.occupied.any()
+
+
+@pytest.mark.parametrize("backbone", ["pwc", "spynet", "flownet"])
+def test_export_agrees_with_onnxruntime(tmp_path: Path, backbone: str) -> None:
+    pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnx")
+    config = TINY.model_copy(update={"backbone": backbone})
+    cells = CellGrid(-16.0, -16.0, 0.5, 64, 64)
+    worst_m = export_onnx(_weights(config), tmp_path / "net.onnx", cells)
+    assert worst_m < 1e-4
+
+
+def test_labels_follow_a_turning_box() -> None:
+    def truth(stamp_ns: int, x_m: float, yaw_rad: float) -> Truth:
+        return Truth(
+            stamp_ns=stamp_ns,
+            frame="world",
+            centre_m=np.array([[x_m, 0.0, 0.0]]),
+            size_m=np.array([[4.0, 2.0, 2.0]]),
+            yaw_rad=np.array([yaw_rad]),
+            label=np.array(["car"]),
+            id=np.array([7]),
+            velocity_mps=np.zeros((1, 2)),
+            num_points=np.array([1]),
+            interpolated=np.array([False]),
+        )
+
+    xyz = np.array([[1.5, 0.5, 0.0], [9.0, 0.0, 0.0]], np.float32)
+    now = Sweep(xyz, np.zeros(2, np.float32), 100_000_000, Pose.identity())
+    then = replace(now, stamp_ns=0, xyz_m=xyz - np.float32(0.5))
+    labels = labels_from_tracks(then, now, truth(0, -1.0, 0.0), truth(100_000_000, 0.0, 0.1))
+    c, s = np.cos(-0.1), np.sin(-0.1)
+    was = np.array([1.5 * c - 0.5 * s - 1.0, 1.5 * s + 0.5 * c])
+    assert np.allclose(labels.velocity_mps[0], (xyz[0, :2] - was) / 0.1, atol=1e-4)
+    assert not labels.velocity_mps[1].any()
+    assert list(labels.current_object) == [0, -1]
+    assert np.allclose(labels.centre_m[0], [[-1.0, 0.0], [0.0, 0.0]])
