@@ -3,7 +3,7 @@
 The official evaluation solves its frames with SciPy's solver. Where several assignments cost the
 same, the answer depends on the order in which columns are looked at, so this solver keeps to
 SciPy's: the columns still open are kept in a list, last column first, a settled one is replaced by
-the list's end, and among equal columns a free one is preferred.
+the list's end, and among equal columns a free one is preferred. Few functions, see `kernel`.
 """
 
 from typing import Any, NamedTuple
@@ -35,11 +35,11 @@ def make_solver(size: int) -> Solver:
     return Solver(np.empty((size, size)), np.zeros(size, ROW), np.zeros(size, COLUMN))
 
 
-@numba.njit(cache=True)
-def solve(s: Solver, rows: int, columns: int) -> None:
+@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def solve(s: Solver, rows: int, columns: int) -> None:  # noqa: C901
     """Assigns every row of `s.cost[:rows, :columns]` (rows <= columns) a column.
 
-    The answer is left in `s.row[i].column`.
+    The answer is left in `s.row[i].column` and `s.column[j].row`.
     """
     for i in range(rows):
         s.row[i].price = 0.0
@@ -48,15 +48,16 @@ def solve(s: Solver, rows: int, columns: int) -> None:
         s.column[j].price = 0.0
         s.column[j].row = -1
     for start in range(rows):
-        sink, length = _shortest_path(s, start, rows, columns)
-        for i in range(rows):
-            if i == start:
-                s.row[i].price += length
-            elif s.row[i].seen:
-                s.row[i].price += length - s.column[s.row[i].column].way
+        sink = _shortest_path(s, start, rows, columns)
+        length = s.column[sink].way
         for j in range(columns):
-            if s.column[j].seen:
-                s.column[j].price -= length - s.column[j].way
+            c = s.column[j]
+            if c.seen:
+                c.price -= length - c.way
+        for i in range(rows):
+            r = s.row[i]
+            if r.seen:
+                r.price += length - (0.0 if i == start else s.column[r.column].way)
         at = -1
         while at != start:
             at = s.column[sink].path
@@ -66,37 +67,38 @@ def solve(s: Solver, rows: int, columns: int) -> None:
             sink = displaced
 
 
-@numba.njit(cache=True)
-def _shortest_path(s: Solver, start: int, rows: int, columns: int) -> tuple[int, float]:
-    """The free column that is cheapest to reach from the row, and the length of the way."""
+@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _shortest_path(s: Solver, start: int, rows: int, columns: int) -> int:
+    """The free column that is cheapest to reach from the row."""
     for i in range(rows):
         s.row[i].seen = 0
     for j in range(columns):
-        s.column[j].seen = 0
-        s.column[j].way = np.inf
-        s.column[j].open = columns - 1 - j
+        c = s.column[j]
+        c.seen = 0
+        c.way = np.inf
+        c.open = columns - 1 - j
     length = 0.0
     i = start
-    left = columns
-    while True:
-        s.row[i].seen = 1
+    j = -1
+    while i >= 0:
+        r = s.row[i]
+        r.seen = 1
         lowest = np.inf
         best = 0
-        for k in range(left):
+        for k in range(columns):
             j = s.column[k].open
-            way = length + s.cost[i, j] - s.row[i].price - s.column[j].price
-            if way < s.column[j].way:
-                s.column[j].path = i
-                s.column[j].way = way
-            free = s.column[j].row == -1
-            if s.column[j].way < lowest or (free and s.column[j].way == lowest):
-                lowest = s.column[j].way
+            c = s.column[j]
+            way = length + s.cost[i, j] - r.price - c.price
+            if way < c.way:
+                c.path = i
+                c.way = way
+            if c.way < lowest or (c.row < 0 and c.way == lowest):
+                lowest = c.way
                 best = k
         length = lowest
         j = s.column[best].open
         s.column[j].seen = 1
         i = s.column[j].row
-        if i == -1:
-            return j, length
-        left -= 1
-        s.column[best].open = s.column[left].open
+        columns -= 1
+        s.column[best].open = s.column[columns].open
+    return j

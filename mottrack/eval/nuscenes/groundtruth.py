@@ -47,7 +47,9 @@ class _Tables:
                 if keep(row):
                     yield row
             except KeyError as error:
-                raise DataError(path, f"record {row.get('token')}", f"without {error}", "it") from None
+                raise DataError(
+                    path, f"record {row.get('token')}", f"without {error}", "it"
+                ) from None
 
     def column(self, name: str, value: str, tokens: Container[str] | None = None) -> dict[str, Any]:
         """Token to one field, of all records or of those named."""
@@ -130,10 +132,15 @@ def _annotations(tables: _Tables, samples: Samples, rules: Rules) -> tuple[BoxTa
             points = row["num_lidar_pts"] + row["num_radar_pts"]
             boxes.append((sample, track, label_of[name], points))
             centres.append(row["translation"])
-    sample, track, label, points = np.array(boxes, np.int64).reshape(-1, 4).T
-    unscored = np.full(len(boxes), -1.0)
-    centre = np.array(centres, np.float64).reshape(-1, 3)
-    table = BoxTable(sample, track, label.astype(np.int8), centre, unscored, points)
+    columns = np.array(boxes, np.int64).reshape(-1, 4)
+    table = BoxTable(
+        sample=columns[:, 0].copy(),
+        track=columns[:, 1].copy(),
+        label=columns[:, 2].astype(np.int8),
+        centre_m=np.array(centres, np.float64).reshape(-1, 3),
+        score=np.full(len(boxes), -1.0),
+        num_points=columns[:, 3].copy(),
+    )
     return table, _rack_table(racks)
 
 

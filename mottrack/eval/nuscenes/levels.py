@@ -7,12 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.eval.nuscenes import kernel
 from mottrack.eval.nuscenes.assignment import make_solver
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
 from mottrack.eval.nuscenes.kernel import (
-    COUNTS, FN, FP, FRAG, FRAME, FRAMES, GAP, IDS, MATCH, ML, MT, OBJECT, PAIR, SCENE, TP, TRACK,
-    TRACKED, TRUTH, WAIT, Scenes, count_passes, find_candidates,
-)  # fmt: skip
+    COUNT_NAMES,
+    MATCH,
+    Scenes,
+    count_passes,
+    find_candidates,
+)
 from mottrack.eval.nuscenes.rules import FRAME_SECONDS, LEVEL_METRICS, METRIC_WORST, Rules
 
 F64 = NDArray[np.float64]
@@ -23,7 +27,7 @@ Curves = dict[str, F64]
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Counts of passes, summed over scenes: (T, COUNTS) integers and (T,) metres."""
+    """Counts of passes, summed over scenes: (T, COUNT_NAMES) integers and (T,) metres."""
 
     counts: I64
     distance_m: F64
@@ -38,29 +42,29 @@ def class_scenes(prepared: Prepared, label: int, rules: Rules) -> Scenes:
     edges = np.arange(len(samples) + 1)
     scenes = Scenes(
         scene=_records(
-            SCENE,
+            kernel.SCENE,
             frame=samples.first,
             object=np.searchsorted(scene_of_object, np.arange(samples.scenes + 1)),
         ),
         frame=_records(
-            FRAME,
+            kernel.FRAME,
             truth=np.searchsorted(truth.sample, edges),
             track=np.searchsorted(tracks.sample, edges),
         ),
-        truth=_records(TRUTH, 1, **_xy(truth), object=object_of),
+        truth=_records(kernel.TRUTH, 1, **_xy(truth), object=object_of),
         track=_records(
-            TRACK,
+            kernel.TRACK,
             1,
             **_xy(tracks),
-            id=tracks.track,
+            id=tracks.track + 1,
             score=tracks.score,
             same_before=_same_before(tracks),
         ),
-        pair=np.zeros(0, PAIR),
-        object=_records(OBJECT, length=np.bincount(object_of)),
+        pair=np.zeros(0, kernel.PAIR),
+        object=_records(kernel.OBJECT, length=np.bincount(object_of)),
     )
     pairs = find_candidates(scenes, rules.match_distance_m)
-    scenes = scenes._replace(pair=np.zeros(pairs, PAIR))
+    scenes = scenes._replace(pair=np.zeros(pairs, kernel.PAIR))
     find_candidates(scenes, rules.match_distance_m)
     return scenes
 
@@ -100,7 +104,7 @@ def _same_before(tracks: BoxTable) -> I64:
 
 def run_passes(scenes: Scenes, scene: I64, threshold: F64) -> Tally:
     """Passes over (scene, threshold) jobs (J,); events are left in `scenes.truth`."""
-    counts = np.zeros((len(scene), COUNTS), np.int64)
+    counts = np.zeros((len(scene), len(COUNT_NAMES)), np.int64)
     distance = np.zeros(len(scene))
     largest = max(int(np.diff(scenes.frame[side]).max(initial=0)) for side in ("truth", "track"))
     count_passes(scenes, make_solver(largest), (scene, threshold), counts, distance)
@@ -172,7 +176,7 @@ def tally_levels(scenes: Scenes, levels: F64) -> Tally:
     _, first, same = np.unique(job, return_index=True, return_inverse=True)
     tally = run_passes(scenes, scene[first], np.tile(levels, count)[first])
     shape = (count, len(levels))
-    counts = tally.counts[same].reshape(*shape, COUNTS).sum(axis=0)
+    counts = tally.counts[same].reshape(*shape, len(COUNT_NAMES)).sum(axis=0)
     return Tally(counts, tally.distance_m[same].reshape(shape).sum(axis=0))
 
 
@@ -184,9 +188,7 @@ def scene_ranks(scenes: Scenes, levels: F64) -> tuple[I64, I64]:
     return np.repeat(np.arange(len(rank)), len(levels)), np.concatenate(rank)
 
 
-def curves_of(
-    tally: Tally, grid: tuple[F64, F64, F64], truth: tuple[int, int]
-) -> Curves:
+def curves_of(tally: Tally, grid: tuple[F64, F64, F64], truth: tuple[int, int]) -> Curves:
     """Metrics at every level from counts at every distinct threshold.
 
     `grid` holds the threshold and the recall of each level and the distinct thresholds of the
@@ -196,7 +198,9 @@ def curves_of(
     reached = ~np.isnan(threshold)
     curves = {"confidence": threshold, "recall_hypo": recall}
     if not reached.any():
-        return curves | {name: np.full(len(threshold), _worst(name, truth)) for name in LEVEL_METRICS}
+        return curves | {
+            name: np.full(len(threshold), _worst(name, truth)) for name in LEVEL_METRICS
+        }
     row = np.searchsorted(levels, threshold[reached])
     for name, values in level_metrics(tally, truth[0]).items():
         curves[name] = np.full(len(threshold), np.nan)
@@ -213,8 +217,8 @@ def _worst(name: str, truth: tuple[int, int]) -> float:
 
 
 def level_metrics(tally: Tally, truth_boxes: int) -> Curves:
-    """The fifteen metrics from counts (T, COUNTS), (T,) each."""
-    c = {name: tally.counts[:, i].astype(np.float64) for name, i in _COLUMNS.items()}
+    """The fifteen metrics from counts (T, COUNT_NAMES), (T,) each."""
+    c = dict(zip(COUNT_NAMES, tally.counts.T.astype(np.float64), strict=True))
     tp, ids, fn, fp = c["tp"], c["ids"], c["fn"], c["fp"]
     hits = tp + ids
     recall = tp / truth_boxes
@@ -240,9 +244,3 @@ def level_metrics(tally: Tally, truth_boxes: int) -> Curves:
             "tid": c["wait"] * FRAME_SECONDS / c["tracked"],
             "lgd": c["gap"] * FRAME_SECONDS / c["tracked"],
         }
-
-
-_COLUMNS = {
-    "tp": TP, "ids": IDS, "fn": FN, "fp": FP, "frames": FRAMES, "frag": FRAG, "mt": MT, "ml": ML,
-    "tracked": TRACKED, "wait": WAIT, "gap": GAP,
-}  # fmt: skip

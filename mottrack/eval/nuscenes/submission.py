@@ -1,5 +1,6 @@
 """A tracking submission in the official JSON format, read into arrays."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,16 +28,29 @@ class Submission:
 def read_submission(path: Path) -> Submission:
     """Reads the file; raises DataError where it is not of the form {"meta", "results"} at all."""
     try:
-        content = orjson.loads(path.read_bytes().replace(b"NaN", b"null"))
-    except FileNotFoundError as error:
-        raise DataError(path, "submission", "missing", "a JSON file") from error
-    except orjson.JSONDecodeError as error:
-        raise DataError(path, "JSON", str(error), "a JSON file") from error
+        text = path.read_bytes()
+    except OSError as error:
+        raise DataError(path, "submission", error.strerror, "a readable JSON file") from error
+    content = _parse(path, text)
     parts = content if isinstance(content, dict) else {}
     for name in ("meta", "results"):
         if not isinstance(parts.get(name), dict):
             raise DataError(path, name, type(parts.get(name)).__name__, "an object")
     return Submission(path, parts["meta"], parts["results"])
+
+
+def _parse(path: Path, text: bytes) -> Any:
+    """The content of the file.
+
+    The slow parser takes NaN and Infinity, which are not JSON but which Python writes.
+    """
+    try:
+        return orjson.loads(text)
+    except orjson.JSONDecodeError:
+        try:
+            return json.loads(text)
+        except ValueError as error:
+            raise DataError(path, "JSON", str(error), "a JSON file") from error
 
 
 def to_boxes(submission: Submission, samples: Samples, rules: Rules) -> BoxTable:
@@ -56,7 +70,13 @@ def to_boxes(submission: Submission, samples: Samples, rules: Rules) -> BoxTable
             numbers.append((sample, track, label, box.get("num_pts", -1)))
             floats += box["translation"]
             floats.append(box.get("tracking_score", -1.0))
-    sample, track, label, points = np.array(numbers, np.int64).reshape(-1, 4).T
+    rows = np.array(numbers, np.int64).reshape(-1, 4)
     values = np.array(floats, np.float64).reshape(-1, 4)
-    centre = np.ascontiguousarray(values[:, :3])
-    return BoxTable(sample, track, label.astype(np.int8), centre, values[:, 3].copy(), points)
+    return BoxTable(
+        sample=rows[:, 0].copy(),
+        track=rows[:, 1].copy(),
+        label=rows[:, 2].astype(np.int8),
+        centre_m=np.ascontiguousarray(values[:, :3]),
+        score=values[:, 3].copy(),
+        num_points=rows[:, 3].copy(),
+    )

@@ -8,8 +8,12 @@ from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared
 from mottrack.eval.nuscenes.levels import Curves, class_curves, class_scenes
 from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.rules import (
-    LEVEL_METRICS, METRIC_WORST, SUMMARY_METRICS, SUMMED_METRICS, Rules,
-)  # fmt: skip
+    LEVEL_METRICS,
+    METRIC_WORST,
+    SUMMARY_METRICS,
+    SUMMED_METRICS,
+    Rules,
+)
 
 AVERAGED = {"amota": "motar", "amotp": "motp"}
 
