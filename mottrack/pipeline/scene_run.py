@@ -119,7 +119,8 @@ def run_scene(
     frames: list[Frame] = []
     steps: list[Tracks] = []
     for index in range(len(scene)):
-        frame = scene.frame(index)
+        with stages.watch("read"):
+            frame = scene.frame(index)
         judge.observe(frame)
         sweep, pair = stages.read(scene, index) if reads else (None, None)
         field = stages.estimate(frame, pair)

@@ -54,11 +54,9 @@ class TerminalProgress:
         self._progress.update(self._task, now=f"{scene} {done}/{total}")
 
     def scene_ends(self, outcome: Outcome) -> None:
-        """Moves the bar and says at once what went wrong."""
-        self._progress.advance(self._task)
-        if outcome.error:
-            text = f"[red]failed[/] {outcome.scene}: {outcome.error}"
-            self._progress.console.print(text, highlight=False, soft_wrap=True)
+        """Moves the bar; what went wrong is told in full at the end."""
+        failed = f"{outcome.scene} failed" if outcome.error else ""
+        self._progress.update(self._task, advance=1, now=failed)
 
 
 FILE_WIDTH = 140  # columns of a table that goes into a file or a pipe
