@@ -166,6 +166,7 @@ class KalmanConfig(StrictModel):
     yaw: Literal["vote", "published"] = Field(
         "vote", description="how opposite headings are told apart (both compare modulo pi)"
     )
+    diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.nis`")
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
     motion: MotionConfig = Field(default_factory=MotionConfig)
     noise: NoiseConfig = Field(default_factory=NoiseConfig)

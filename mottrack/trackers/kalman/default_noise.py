@@ -31,6 +31,9 @@ CORRELATION_S = 1.0
 WANDER_M2PS = 0.01
 """Random walk of the observed centre on the body: detectors shift as the visible side changes."""
 
+WANDER_RAD2PS = 0.01
+"""The same of the observed heading."""
+
 SIZE_M2PS = 0.0025
 """Random walk of the observed size, for the same reason."""
 
@@ -57,6 +60,6 @@ def variances(motion: Motion) -> tuple[tuple[float, ...], tuple[float, ...], tup
     rates = (motion.speed_mps**2, motion.speed_mps**2, 0.25, motion.yaw_rate_rps**2)
     push = 2.0 * motion.acceleration_mps2**2 * CORRELATION_S
     turn = 2.0 * motion.yaw_rate_rps**2 / CORRELATION_S
-    wander = (WANDER_M2PS, WANDER_M2PS, WANDER_M2PS, 0.01)
+    wander = (WANDER_M2PS, WANDER_M2PS, WANDER_M2PS, WANDER_RAD2PS)
     process = (*wander, SIZE_M2PS, SIZE_M2PS, SIZE_M2PS, push, push, 0.05, turn)
     return observation, observation + rates, process

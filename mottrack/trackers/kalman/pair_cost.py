@@ -64,7 +64,9 @@ def mahalanobis_cost(
     i, j = pairs
     planar, offset = tracks.planar[j], seen.box[i, :2] - tracks.mean[j, :2]
     inverse = inverse_2x2(planar[:, :2, :2] + seen.position[i])
-    squared = quadratic_2x2(inverse, offset) + _axial(seen, tracks, pairs, config)
+    squared = quadratic_2x2(inverse, offset) + _axial(
+        seen, tracks, pairs, COMPARED[config.components]
+    )
     if config.velocity:
         squared = squared + _moving(seen, tracks, pairs, (offset, inverse))
     distance = np.sqrt(squared)
@@ -77,10 +79,17 @@ def mahalanobis_cost(
     return np.where(unlikely, np.inf, distance), surprise
 
 
-def _axial(seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig) -> F64:
-    """Sum of squared, normalised differences of z, yaw, l, w, h, as far as they count."""
+def innovation_squared(seen: Detections, tracks: Predicted, pairs: Pairs) -> F64:
+    """NIS of the box, (P,): r' S^-1 r over all seven numbers, for the test of consistency."""
     i, j = pairs
-    compared = COMPARED[config.components]
+    inverse = inverse_2x2(tracks.planar[j][:, :2, :2] + seen.position[i])
+    offset = seen.box[i, :2] - tracks.mean[j, :2]
+    return quadratic_2x2(inverse, offset) + _axial(seen, tracks, pairs, COMPARED["box"])
+
+
+def _axial(seen: Detections, tracks: Predicted, pairs: Pairs, compared: slice) -> F64:
+    """Sum of squared, normalised differences of those of z, yaw, l, w, h that are compared."""
+    i, j = pairs
     difference = seen.box[i, 2:] - tracks.mean[j, 2:BOX_SIZE]
     difference[:, YAW - 2] = heading_residual(difference[:, YAW - 2])
     terms = difference**2 / (tracks.axial[j] + seen.axial[i])

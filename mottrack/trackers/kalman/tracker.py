@@ -16,7 +16,7 @@ from mottrack.trackers.kalman.detections import Detections, read_detections
 from mottrack.trackers.kalman.matching import Predicted, match
 from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
-from mottrack.trackers.kalman.pair_cost import heading_residual
+from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.lifecycle import Life, record_hits
 
@@ -43,6 +43,8 @@ class KalmanTracker:
         self._life = Life(self.config.life)
         self._next_id = 1
         self._stamp_ns: int | None = None
+        self.nis: F64 = np.empty(0)
+        """Normalised squared innovations of the last step's boxes, 7 numbers each (`diagnose`)."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
         """Advances to `stamp_ns` with this step's objects (world frame) and returns the tracks.
@@ -83,7 +85,10 @@ class KalmanTracker:
         tracks = Predicted(
             bank.mean, bank.planar_covariance(), bank.axial_variance(), self._book.label
         )
-        rows, columns = match(seen, tracks.select(active), self.config, self._table.labels)
+        tracks = tracks.select(active)
+        rows, columns = match(seen, tracks, self.config, self._table.labels)
+        if self.config.diagnose:
+            self.nis = innovation_squared(seen, tracks, (columns, rows))
         return active[rows], columns
 
     def _correct(self, rows: I64, columns: I64, seen: Detections) -> None:

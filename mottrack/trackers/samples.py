@@ -1,0 +1,105 @@
+"""Detections and the truth they stand for, gathered over scenes to learn the noise from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.motion import VelocityMeasurement
+from mottrack.core.objects import Boxes, Objects, Truth
+from mottrack.trackers.association import candidate_pairs, centre_distance_m, hungarian
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+MATCH_RADIUS_M = 2.0
+"""Detections further than this from an object of their class are none of it (Chiu et al.)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """N detections matched with the truth, and M true boxes, matched or not.
+
+    Boxes are rows of x, y, z, yaw, l, w, h in the world frame; objects are numbered through all
+    scenes.
+    """
+
+    label: NDArray[np.str_]
+    """(N,)"""
+    detection: F64
+    """(N, 7)"""
+    truth: F64
+    """(N, 7)"""
+    velocity_error: F64
+    """(N, 2) measured less true velocity in m/s; NaN where none was measured."""
+    true_label: NDArray[np.str_]
+    """(M,)"""
+    true_object: I64
+    """(M,)"""
+    true_stamp_ns: I64
+    """(M,)"""
+    true_box: F64
+    """(M, 7)"""
+
+
+@dataclass
+class PairCollector:
+    """Gathers pairs frame by frame."""
+
+    _frames: list[Pairs] = field(default_factory=list)
+    _numbers: dict[tuple[str, int], int] = field(default_factory=dict)
+
+    def add(self, scene: str, objects: Objects, truth: Truth) -> None:
+        """One frame of a scene: its detections, with velocities or without, and its truth."""
+        i, j = match_truth(objects, truth)
+        numbers = [
+            self._numbers.setdefault((scene, k), len(self._numbers)) for k in truth.id.tolist()
+        ]
+        self._frames.append(
+            Pairs(
+                label=truth.label[j],
+                detection=box_rows(objects)[i],
+                truth=box_rows(truth)[j],
+                velocity_error=_velocity_error(objects.velocity, i, truth.velocity_mps[j]),
+                true_label=truth.label,
+                true_object=np.array(numbers, np.int64),
+                true_stamp_ns=np.full(len(truth), truth.stamp_ns, np.int64),
+                true_box=box_rows(truth),
+            )
+        )
+
+    def pairs(self) -> Pairs:
+        """Everything gathered so far."""
+        names = [item.name for item in fields(Pairs)]
+        return Pairs(*(np.concatenate([getattr(f, n) for f in self._frames]) for n in names))
+
+
+def match_truth(objects: Objects, truth: Truth) -> tuple[I64, I64]:
+    """Indices of detections and of the true boxes they stand for.
+
+    Within a class, one to one, most pairs first and then the least total distance of the centres
+    (Hungarian), none beyond `MATCH_RADIUS_M`.
+    """
+    _, both = np.unique(np.concatenate([objects.label, truth.label]), return_inverse=True)
+    groups = (both[: len(objects)], both[len(objects) :])
+    left, right = objects.centre_m[:, :2], truth.centre_m[:, :2]
+    pairs = candidate_pairs(left, right, np.full(len(right), MATCH_RADIUS_M), groups)
+    distance = centre_distance_m(left, right, pairs)
+    near = distance < MATCH_RADIUS_M
+    pairs = (pairs[0][near], pairs[1][near])
+    chosen = hungarian(distance[near], pairs)
+    return pairs[0][chosen], pairs[1][chosen]
+
+
+def box_rows(boxes: Boxes) -> F64:
+    """Rows (N, 7) of x, y, z, yaw, l, w, h."""
+    return np.column_stack([boxes.centre_m, boxes.yaw_rad, boxes.size_m])
+
+
+def _velocity_error(measured: VelocityMeasurement | None, rows: I64, true_mps: F64) -> F64:
+    if measured is None:
+        return np.full((len(rows), 2), np.nan)
+    error = measured.mean_mps[rows] - true_mps
+    return np.where(measured.valid[rows, None], error, np.nan)
