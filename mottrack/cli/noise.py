@@ -1,0 +1,81 @@
+"""``mottrack estimate-noise``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from mottrack.pipeline.noise_study import NoiseStudy
+
+Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
+Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
+Out = Annotated[Path, typer.Option("--out", help="YAML file for `tracker`, made or replaced")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command of this module."""
+    app.command("estimate-noise")(estimate_noise)
+
+
+def estimate_noise(config: Config, overrides: Overrides = None, *, out: Out) -> None:
+    """Estimate the Kalman tracker's noise (P0, Q, R by class, R_d of the flow) from truth.
+
+    The file that is written is a tracker group: put it into a folder `tracker` beside your
+    experiment and name it there. A sweep over flow sources writes one file for each.
+    """
+    from mottrack.pipeline.experiment import load_experiments
+    from mottrack.pipeline.noise_study import study_noise
+
+    experiments = load_experiments(config, overrides or [])
+    for experiment in experiments:
+        study = study_noise(experiment, _progress)
+        name = f"{out.stem}-{experiment.variant}{out.suffix}" if len(experiments) > 1 else out.name
+        file = out.with_name(name)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(_yaml(study), encoding="utf-8")
+        typer.echo(_table(study))
+        typer.echo(f"noise:  {file}\n")
+
+
+def _progress(scene: str, done: int, total: int) -> None:
+    typer.echo(f"{scene}  ({done} of {total})", err=True)
+
+
+def _yaml(study: NoiseStudy) -> str:
+    import json
+
+    import yaml
+
+    lines = [f"# {line}".rstrip() for line in _table(study).splitlines()]
+    settings = json.loads(json.dumps({"kind": "kalman", **study.settings}))
+    body = yaml.safe_dump(settings, sort_keys=False, default_flow_style=None)
+    return "\n".join(lines) + "\n" + body
+
+
+def _table(study: NoiseStudy) -> str:
+    """What was estimated, from how much, and whether the filter is honest with it."""
+    lines = [
+        "class         pairs  outliers  accelerations   sigma x  y  z  yaw  (m, rad)  q (m2/s3)"
+    ]
+    for label, found in sorted(study.classes.items()):
+        sigma = "  ".join(f"{v**0.5:.3f}" for v in found.noise.observation[:4])
+        lines.append(
+            f"{label:12} {found.pairs:6}  {found.outliers:8}  {found.accelerations:13}   "
+            f"{sigma}  {found.noise.process[7]:.3f}"
+        )
+    if study.velocity is not None:
+        v = study.velocity
+        lines.append(
+            f"R_d: {v.variance_m2ps2:.4f} (m/s)^2 from {v.measured} velocities, "
+            f"{v.outliers} outliers, bias {v.bias_mps[0]:+.3f} {v.bias_mps[1]:+.3f} m/s"
+        )
+    for when, results in (("before", study.before), ("after", study.after)):
+        for what, c in results.items():
+            lines.append(
+                f"{what} {when}: {c.mean_ratio:.2f} of the expected mean (1 is honest), "
+                f"{c.inside_95:.1%} within 95 %, n = {c.count}"
+            )
+    return "\n".join(lines)
