@@ -19,8 +19,8 @@ from mottrack.flow.dogma.workers import Span, Workers
 class BirthConfig(StrictModel):
     """Velocity of new-born particles: at rest, or one of two zero-mean normal distributions."""
 
-    rest_share: float = Field(0.4, ge=0, le=1, description="share of particles at rest")
-    slow_share: float = Field(0.2, ge=0, le=1, description="share of slow particles")
+    rest_share: float = Field(0.8, ge=0, le=1, description="share at rest of what came into view")
+    slow_share: float = Field(0.4, ge=0, le=1, description="share of slow particles in the rest")
     slow_mps: float = Field(1.0, ge=0, description="standard deviation per axis, slow particles")
     fast_mps: float = Field(12.0, ge=0, description="standard deviation per axis, fast particles")
 
@@ -28,19 +28,19 @@ class BirthConfig(StrictModel):
 class VelocityPrior(NamedTuple):
     """`BirthConfig` as the kernel takes it."""
 
-    rest: np.float32
-    """Share at rest."""
+    rest: NDArray[np.float32]
+    """(cells,) share at rest."""
     slow: np.float32
-    """Share at rest or slow."""
+    """Share of slow particles among those that move."""
     slow_mps: np.float32
     fast_mps: np.float32
 
     @classmethod
-    def of(cls, config: BirthConfig) -> VelocityPrior:
-        """The prior of a configuration."""
-        slow = config.rest_share + config.slow_share
-        values = (config.rest_share, slow, config.slow_mps, config.fast_mps)
-        return cls(*(np.float32(value) for value in values))
+    def of(cls, config: BirthConfig, uncovered: NDArray[np.float32]) -> VelocityPrior:
+        """Only the `uncovered` share (rows, cols) of the births may be at rest."""
+        values = (config.slow_share, config.slow_mps, config.fast_mps)
+        rest = np.float32(config.rest_share) * uncovered.ravel()
+        return cls(rest, *(np.float32(value) for value in values))
 
 
 class Births(NamedTuple):
@@ -89,11 +89,13 @@ def _spread(
     cell_m = np.float32(window.cell_m)
     for cell in range(cells[0], cells[1]):
         row, col = cell // window.cols, cell % window.cols
+        rest = prior.rest[cell]
         for i in range(start[cell], start[cell + 1]):
             bits = draw(key, np.uint64(i))
             pick = uniform_level(bits, 2)
-            spread_mps = prior.slow_mps if pick < prior.slow else prior.fast_mps
-            spread_mps = np.float32(0) if pick < prior.rest else spread_mps
+            limit = rest + (np.float32(1) - rest) * prior.slow
+            spread_mps = prior.slow_mps if pick < limit else prior.fast_mps
+            spread_mps = np.float32(0) if pick < rest else spread_mps
             born.x_m[i] = (col + uniform_level(bits, 0)) * cell_m
             born.y_m[i] = (row + uniform_level(bits, 1)) * cell_m
             born.vx_mps[i] = spread_mps * normal_level(bits, 3)

@@ -67,7 +67,7 @@ class DynamicGridFilter:
         self._spare = Particles.empty(config.particles)
         self._mass_each = 0.0
         self._window: Window | None = None
-        self._free = np.zeros((0, 0), np.float32)
+        self._masses = Masses(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32))
         self._cycle = 0
 
     @property
@@ -91,18 +91,14 @@ class DynamicGridFilter:
         self._follow(window, dt_s)
         assignment = assign(self._particles, window, self._workers)
         count = np.diff(assignment.start).reshape(window.shape).astype(np.float32)
-        prior = predict_masses(
-            count,
-            survival_over(dt_s, self.config.motion) * self._mass_each,
-            self._free,
-            kept_over(dt_s, self.config.occupancy),
-        )
+        weight = np.float32(survival_over(dt_s, self.config.motion) * self._mass_each)
+        kept = kept_over(dt_s, self.config.occupancy)
+        prior = predict_masses(count * weight, self._masses, kept)
         posterior = update_masses(prior, measured)
         split = split_masses(prior, posterior, self.config.occupancy)
         births = allot(split.born, self.config.births, self._key(_ALLOT))
-        born = give_birth(
-            births, window, VelocityPrior.of(self.config.birth), self._key(_BIRTH), self._workers
-        )
+        velocity = VelocityPrior.of(self.config.birth, split.uncovered)
+        born = give_birth(births, window, velocity, self._key(_BIRTH), self._workers)
         moments = velocity_moments(self._particles, assignment, window.shape, self._workers)
         self._mass_each = resample(
             Candidates(self._particles, assignment, born, births),
@@ -112,7 +108,7 @@ class DynamicGridFilter:
             self._workers,
         )
         self._particles, self._spare = self._spare, self._particles
-        self._free = posterior.free
+        self._masses = posterior
         self._cycle += 1
         return GridMap(window, posterior, split, moments)
 
@@ -125,8 +121,9 @@ class DynamicGridFilter:
         count = self.config.particles
         self._workers.run(predict, count, self._particles, motion, self._key(_PREDICT))
         if self._window is None:
-            self._free = np.zeros(window.shape, np.float32)
-        self._free = moved(self._free, (rows, cols))
+            nothing = np.zeros(window.shape, np.float32)
+            self._masses = Masses(nothing, nothing)
+        self._masses = Masses(*(moved(mass, (rows, cols)) for mass in self._masses))
         self._window = window
 
     def _key(self, stage: int) -> np.uint64:

@@ -26,7 +26,7 @@ def _normal_levels() -> NDArray[np.float32]:
     """4096 equally likely values of the standard normal, scaled to variance one."""
     quantiles = [NormalDist().inv_cdf((k + 0.5) / 4096) for k in range(4096)]
     levels = np.array(quantiles)
-    return (levels / levels.std()).astype(np.float32)
+    return np.asarray(levels / levels.std(), np.float32)
 
 
 _NORMAL = _normal_levels()
@@ -58,7 +58,8 @@ def draw(key: np.uint64, counter: np.uint64) -> np.uint64:
 @njit(cache=True, nogil=True)
 def normal_level(bits: np.uint64, slot: int) -> np.float32:
     """Standard normal from the 12 bits of `slot` 0..4, by a table of quantiles."""
-    return _NORMAL[(bits >> (np.uint64(slot) * _LEVEL_BITS)) & _LEVEL_MASK]
+    level: np.float32 = _NORMAL[(bits >> (np.uint64(slot) * _LEVEL_BITS)) & _LEVEL_MASK]
+    return level
 
 
 @njit(cache=True, nogil=True)

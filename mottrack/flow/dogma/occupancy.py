@@ -24,10 +24,10 @@ class OccupancyConfig(StrictModel):
 
     remember: float = Field(0.9, gt=0, le=1, description="share of free mass kept over 0.1 s")
     birth: float = Field(
-        0.02, gt=0, le=1, description="p_B: probability that an object appears where it was free"
+        0.01, gt=0, le=1, description="p_B: probability that an object appears in a known cell"
     )
-    birth_unknown: float = Field(
-        1.0, gt=0, le=1, description="... where nothing was known; the paper has p_B here too"
+    birth_unseen: float = Field(
+        0.05, gt=0, le=1, description="... that one is found where nothing was known before"
     )
 
 
@@ -38,6 +38,15 @@ class Masses(NamedTuple):
     free: Grid
 
 
+class Prior(NamedTuple):
+    """Predicted masses; what is neither occupied nor free is unknown."""
+
+    occupied: Grid
+    free: Grid
+    unseen: Grid
+    """The part of the unknown mass that was unknown before; from the rest something has left."""
+
+
 class Split(NamedTuple):
     """Occupied mass by where it came from."""
 
@@ -45,24 +54,27 @@ class Split(NamedTuple):
     """Carried by particles that were there before."""
     born: Grid
     """Newly appeared."""
-
-
-def predict_masses(count: Grid, mass_each: float, free: Grid, kept: float) -> Masses:
-    """Occupied mass from the (rows, cols) `count` of particles; free mass fades by `kept`.
-
-    The sum of the particles' weights is m_occ-, at most one; m_free- is
-    min(alpha m_free, 1 - m_occ-).
-    """
-    occupied = np.minimum(count * np.float32(mass_each), np.float32(1))
-    return Masses(occupied, np.minimum(free * np.float32(kept), 1 - occupied))
+    uncovered: Grid
+    """Share of the born mass that came into view; the rest moved into the cell."""
 
 
 def kept_over(dt_s: float, config: OccupancyConfig) -> float:
-    """Share alpha(dt) of the free mass that is kept over `dt_s`."""
+    """Share alpha(dt) of what was known that is kept over `dt_s`."""
     return float(config.remember ** (dt_s / REFERENCE_PERIOD_S))
 
 
-def update_masses(prior: Masses, measured: MeasurementGrid) -> Masses:
+def predict_masses(carried: Grid, before: Masses, kept: float) -> Prior:
+    """Occupied mass is what the particles carry (rows, cols), at most one; free mass fades.
+
+    The paper's m_occ- = min(sum w, 1) and m_free- = min(alpha m_free, 1 - m_occ-).
+    """
+    occupied = np.minimum(carried, np.float32(1))
+    free = np.minimum(before.free * np.float32(kept), 1 - occupied)
+    unseen = np.minimum(1 - before.occupied - before.free, 1 - occupied - free)
+    return Prior(occupied, free, np.maximum(unseen, 0))
+
+
+def update_masses(prior: Prior, measured: MeasurementGrid) -> Masses:
     """Dempster's rule of combination on the frame {occupied, free}.
 
     With K the mass on which the two contradict each other, m_occ = (m_occ- (1 - z_free)
@@ -77,14 +89,15 @@ def update_masses(prior: Masses, measured: MeasurementGrid) -> Masses:
     return Masses(occupied, np.clip(free, 0, 1 - occupied))
 
 
-def split_masses(prior: Masses, posterior: Masses, config: OccupancyConfig) -> Split:
+def split_masses(prior: Prior, posterior: Masses, config: OccupancyConfig) -> Split:
     """Born mass rho_b = m_occ a / (m_occ- + a), where a is the mass that may have appeared.
 
-    The paper takes a = p_B (1 - m_occ-). Here the free and the unknown mass have a p_B each: what
-    appears where it was free must have moved there, but what appears where nothing was known is no
+    The paper takes a = p_B (1 - m_occ-). Here unseen mass has a probability of its own: what
+    appears where something else was known must have moved there, but what comes into view is no
     evidence of motion, or the rim of the view would seem to move with the vehicle.
     """
-    unknown = 1 - prior.occupied - prior.free
-    appearing = np.float32(config.birth) * prior.free + np.float32(config.birth_unknown) * unknown
-    born = posterior.occupied * appearing / np.maximum(prior.occupied + appearing, _TINY)
-    return Split(posterior.occupied - born, born)
+    arrived = np.float32(config.birth) * (1 - prior.occupied - prior.unseen)
+    uncovered = np.float32(config.birth_unseen) * prior.unseen
+    appearing = np.maximum(arrived + uncovered, _TINY)
+    born = posterior.occupied * (appearing / (prior.occupied + appearing))
+    return Split(posterior.occupied - born, born, uncovered / appearing)

@@ -25,8 +25,8 @@ REFERENCE_PERIOD_S = 0.1
 class MotionConfig(StrictModel):
     """How particles move; noise and survival per 0.1 s, scaled to the elapsed time."""
 
-    position_noise_m: float = Field(0.02, ge=0, description="standard deviation of position noise")
-    velocity_noise_mps: float = Field(0.8, ge=0, description="standard deviation, velocity noise")
+    position_noise_m: float = Field(0.05, ge=0, description="standard deviation of position noise")
+    velocity_noise_mps: float = Field(0.4, ge=0, description="standard deviation, velocity noise")
     start: float = Field(0.01, ge=0, le=1, description="probability that a resting particle starts")
     rest_below_mps: float = Field(0.3, ge=0, description="a slower particle comes to rest")
     survival: float = Field(0.99, gt=0, le=1, description="probability that a particle persists")
