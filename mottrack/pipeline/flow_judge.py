@@ -15,6 +15,7 @@ from mottrack.core.tables import FlowSamples
 from mottrack.flow.ground_truth import GroundTruthFlow
 from mottrack.lidar.in_boxes import PointsInBoxes, points_in_boxes
 from mottrack.pipeline.settings import Settings
+from mottrack.pipeline.stream import Step
 
 MARGIN_M = 0.15
 FEWEST_POINTS = 5
@@ -46,20 +47,18 @@ class FlowJudge:
         if frame.truth is not None:
             self._truth = dict([*self._truth.items(), (frame.stamp_ns, frame.truth)][-8:])
 
-    def judge(
-        self, frame: Frame, field: FlowField, pair: tuple[Sweep, Sweep], key_index: int
-    ) -> None:
+    def judge(self, frame: Frame, step: Step, key_index: int) -> None:
         """Keeps the cells of one field whose truth is known.
 
         Args:
-            frame: the frame of the current sweep.
-            field: what the source said.
-            pair: the previous and the current sweep that it was estimated from.
+            frame: the current frame.
+            step: what the pipeline made of it.
             key_index: row of the frame in the scene's FrameTable.
         """
-        previous, current = pair
-        if frame.truth is None or not self.enabled:
+        field, pair = step.field, step.pair
+        if not self.enabled or field is None or pair is None or frame.truth is None:
             return
+        previous, current = pair
         true_field = self.truth_flow.estimate(previous, current)
         known = field.occupied & true_field.valid
         if frame.labelled_azimuth_rad is not None:
