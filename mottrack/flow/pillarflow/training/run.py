@@ -42,6 +42,8 @@ def finish(trainer: Trainer, progress: Progress, held_out: Sequence[Example], ou
     scores = trainer.validate(held_out[half:]).scores(scale)
     weights = Weights(trainer.averaged().eval(), scale, trainer.config.examples.ground)
     save_weights(out / "weights.safetensors", weights)
+    progress.history.append({"step": float(progress.step), **scores.as_dict()})
+    trainer.save()
     about = {"step": progress.step, "seconds": progress.seconds, **scores.as_dict()}
     (out / "scores.json").write_text(json.dumps(about, indent=1) + "\n")
     write_curve(progress, out)

@@ -6,8 +6,9 @@ sweeps takes about half a megabyte.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ def write_shard(file: Path, examples: list[Example]) -> None:
     temporary.replace(file)
 
 
-class Shards:
+class Shards(Sequence[Example]):
     """All shards of a directory as one sequence of examples."""
 
     def __init__(self, directory: Path) -> None:
@@ -62,7 +63,20 @@ class Shards:
     def __len__(self) -> int:
         return int(self._starts[-1])
 
-    def __getitem__(self, index: int) -> Example:
+    @overload
+    def __getitem__(self, index: int) -> Example: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Example]: ...
+
+    def __getitem__(self, index: int | slice) -> Example | list[Example]:
+        if isinstance(index, slice):
+            return [self._read(row) for row in range(*index.indices(len(self)))]
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        return self._read(index)
+
+    def _read(self, index: int) -> Example:
         which = int(np.searchsorted(self._starts, index, side="right")) - 1
         shard, row = self._shards[which], index - int(self._starts[which])
         parts = {name: _part(shard, name, row) for name in _RAGGED}

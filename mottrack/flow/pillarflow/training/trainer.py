@@ -129,7 +129,7 @@ class Trainer:
             point = {"step": float(step), "loss": sum(losses) / max(len(losses), 1)}
             self.progress.history.append(point)
             losses.clear()
-        if self.place.first and (step % config.validate_every == 0 or last):
+        if self.place.first and step % config.validate_every == 0 and not last:
             scores = self.validate(held_out).scores()
             self.progress.history.append({"step": float(step), **scores.as_dict()})
         if step % config.save_every == 0 or last:
