@@ -46,3 +46,25 @@ def quaternion_pose(
     if abs(length - 1.0) > MAX_DEFECT:
         raise DataError(file, field, wxyz.tolist(), f"a unit quaternion, length is {length:.4g}")
     return Pose.from_quaternion_wxyz(wxyz / length, translation_m)
+
+
+def quaternion_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation.
+
+    The eigenvector of largest eigenvalue of the symmetric matrix of Bar-Itzhack, "New method for
+    extracting the quaternion from a rotation matrix", 2000: no case distinctions, no cancellation.
+    """
+    r = rotation
+    trace = float(np.trace(r))
+    vector = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    matrix = np.empty((4, 4))
+    matrix[0, 0], matrix[0, 1:], matrix[1:, 0] = trace, vector, vector
+    matrix[1:, 1:] = r + r.T - trace * np.eye(3)
+    quaternion: NDArray[np.float64] = np.linalg.eigh(matrix)[1][:, -1]
+    return -quaternion if quaternion[0] < 0.0 else quaternion
+
+
+def yaw_quaternions(yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 4) quaternions (w, x, y, z) of turns about +z."""
+    zero = np.zeros_like(yaw_rad)
+    return np.column_stack([np.cos(yaw_rad / 2), zero, zero, np.sin(yaw_rad / 2)])

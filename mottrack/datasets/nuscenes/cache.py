@@ -17,11 +17,11 @@ LARGE_BYTES = 64 * 2**20
 
 
 def cache_folder(chosen: Path | None) -> Path:
-    """Return the chosen folder or the user's own."""
+    """Return the chosen folder, else `$MOTTRACK_CACHE`, else the user's own."""
     if chosen is not None:
         return chosen
-    home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "mottrack"
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(os.environ.get("MOTTRACK_CACHE") or Path(base) / "mottrack")
 
 
 def cache_key(paths: list[Path], *also: str) -> str:

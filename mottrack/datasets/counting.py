@@ -1,0 +1,22 @@
+"""How many LiDAR returns lie in each labelled box."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core import Sweep, Truth
+from mottrack.lidar.in_boxes import points_in_boxes
+
+
+def counted_points(truth: Truth, sweep: Sweep | None) -> NDArray[np.int64]:
+    """Return (N,) returns in each box: as the labels say, else counted in the sweep.
+
+    Where neither is known the count is 0.
+    """
+    known = truth.num_points >= 0
+    if known.all() or sweep is None:
+        return np.where(known, truth.num_points, 0)
+    ego = truth.transformed(sweep.world_T_ego.inverse(), "ego")
+    found = points_in_boxes(sweep.xyz_m, ego.centre_m, ego.size_m, ego.yaw_rad)
+    return np.where(known, truth.num_points, np.diff(found.start))

@@ -1,0 +1,99 @@
+"""Tracking results in the official submission format."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from mottrack.core import DataError, InputError, SceneResult, TrackTable
+from mottrack.core.storage import write_bytes
+from mottrack.datasets.nuscenes.config import CLASSES
+from mottrack.datasets.rigid import yaw_quaternions
+
+MAX_BOXES = 500
+"""A submission may hold so many boxes a sample; the surest are kept."""
+LIDAR_ONLY = {
+    "use_camera": False,
+    "use_lidar": True,
+    "use_radar": False,
+    "use_map": False,
+    "use_external": False,
+}
+
+
+def write_submission(
+    path: Path,
+    results: Iterable[SceneResult],
+    *,
+    sample_tokens: Collection[str] | None = None,
+    meta: dict[str, bool] | None = None,
+) -> int:
+    """Write a tracking submission; return the number of its boxes.
+
+    Every frame of the results becomes a sample, without boxes too. Identities are made unique by
+    the scene's name.
+
+    Args:
+        path: the JSON file.
+        results: one for each scene of the split.
+        sample_tokens: all samples that the split has, to be sure that none is missing.
+        meta: which inputs were used; LiDAR only by default.
+
+    Raises:
+        InputError: a frame has no token, a token comes twice, or a track has another class.
+        DataError: a sample of the split is in no result.
+
+    """
+    samples: dict[str, list[dict[str, Any]]] = {}
+    for result in results:
+        _add_scene(samples, result)
+    missing = sorted(set(sample_tokens or ()) - samples.keys())
+    if missing:
+        expected = f"every sample of the split ({len(missing)} are missing)"
+        raise DataError(path, "sample", f"{missing[0]} not tracked", expected)
+    write_bytes(
+        path, orjson.dumps({"meta": LIDAR_ONLY if meta is None else meta, "results": samples})
+    )
+    return sum(len(boxes) for boxes in samples.values())
+
+
+def _add_scene(samples: dict[str, list[dict[str, Any]]], result: SceneResult) -> None:
+    tracks = result.tracks
+    unknown = sorted(set(tracks.label.tolist()) - set(CLASSES))
+    if unknown:
+        raise InputError(f"class of a track in {result.name}", unknown[0], ", ".join(CLASSES))
+    rotation = yaw_quaternions(tracks.yaw_rad)
+    for frame, token in enumerate(result.frames.token.tolist()):
+        if not token or token in samples:
+            raise InputError(
+                f"token of frame {frame} of {result.name}", repr(token), "one of its own"
+            )
+        rows = _surest(tracks, np.flatnonzero(tracks.frame == frame))
+        samples[token] = [_box(token, result.name, tracks, i, rotation[i]) for i in rows.tolist()]
+
+
+def _surest(tracks: TrackTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    if len(rows) <= MAX_BOXES:
+        return rows
+    order = np.argsort(-tracks.score[rows], kind="stable")[:MAX_BOXES]
+    return rows[np.sort(order)]
+
+
+def _box(
+    token: str, scene: str, tracks: TrackTable, row: int, rotation: NDArray[np.float64]
+) -> dict[str, Any]:
+    return {
+        "sample_token": token,
+        "translation": tracks.centre_m[row].tolist(),
+        "size": tracks.size_m[row, [1, 0, 2]].tolist(),
+        "rotation": rotation.tolist(),
+        "velocity": tracks.velocity_mps[row].tolist(),
+        "tracking_id": f"{scene}_{tracks.id[row]}",
+        "tracking_name": str(tracks.label[row]),
+        "tracking_score": float(tracks.score[row]),
+    }
