@@ -1,0 +1,79 @@
+"""Boxes in KITTI's tracking text format: labels and results."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import DataError
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+COLUMNS = 17
+"""frame, id, type, truncation, occlusion, alpha, box (4), h w l, x y z, heading; then a score."""
+
+
+@dataclass(frozen=True, slots=True)
+class KittiBoxes:
+    """Boxes of one sequence, in the order of the file."""
+
+    frame: I64
+    id: I64
+    kind: NDArray[np.str_]
+    """(N,) type, lower case."""
+    truncation: F64
+    occlusion: F64
+    image_box: F64
+    """(N, 4) left, top, right, bottom in pixels."""
+    box: F64
+    """(N, 7) x, y, z, l, w, h, yaw with z up: camera coordinates (x, z, -y), centre of the box."""
+    score: F64
+    """(N,) 0 where the file has none."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def select(self, index: NDArray[Any]) -> "KittiBoxes":
+        """The rows that a mask or index picks."""
+        return KittiBoxes(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+
+
+def read_boxes(path: Path) -> KittiBoxes:
+    """Reads a label or result file; raises DataError that names the broken line."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise DataError(path, "file", error.strerror, "a KITTI tracking text file") from error
+    rows = [(n, line.split()) for n, line in enumerate(lines, 1) if line.strip()]
+    kinds = [fields[2].lower() if len(fields) > 2 else "" for _, fields in rows]
+    values = np.array([_numbers(path, n, fields) for n, fields in rows]).reshape(-1, COLUMNS)
+    return _boxes(values, np.array(kinds, np.str_))
+
+
+def _numbers(path: Path, line: int, fields: list[str]) -> list[float]:
+    """The numbers of a line in the order of the format, without the type, with a score."""
+    if len(fields) not in (COLUMNS, COLUMNS + 1):
+        raise DataError(path, f"line {line}", f"{len(fields)} fields", f"{COLUMNS} or one more")
+    try:
+        numbers = [float(text) for k, text in enumerate(fields) if k != 2]
+    except ValueError as error:
+        raise DataError(path, f"line {line}", str(error), "numbers") from error
+    if not np.isfinite(numbers).all():
+        raise DataError(path, f"line {line}", "NaN or infinity", "finite numbers")
+    return [*numbers, 0.0][:COLUMNS]
+
+
+def _boxes(values: F64, kind: NDArray[np.str_]) -> KittiBoxes:
+    height, width, length, x, y, z, heading = values[:, 9:16].T
+    return KittiBoxes(
+        frame=values[:, 0].astype(np.int64),
+        id=values[:, 1].astype(np.int64),
+        kind=kind,
+        truncation=values[:, 2],
+        occlusion=values[:, 3],
+        image_box=values[:, 5:9],
+        box=np.stack([x, z, -y + height / 2, length, width, height, -heading], axis=1),
+        score=values[:, 16],
+    )
