@@ -51,6 +51,9 @@ class AssociationConfig(StrictModel):
     rule: Literal["one_to_one", "nearest"] = Field(
         "one_to_one", description="best assignment, or each object's nearest track (the paper)"
     )
+    stray_per_m2: float = Field(
+        0.01, gt=0, description="density of objects that belong to no track (one_to_one)"
+    )
     gate: float = Field(4.0, gt=0, description="largest Mahalanobis distance")
     gate_m: float = Field(4.0, gt=0, description="largest distance in metres")
 

@@ -31,19 +31,24 @@ class Node(NamedTuple):
     row: int
     dt_s: float
     """Time since the previous node of the track; 0 at birth."""
-    weight: float
-    """Robust weight of the position factor."""
+    weight: F64
+    """(2,) robust weights of the position and the velocity factor."""
 
     @property
-    def innovation(self) -> float:
-        """Normalised distance of the measured from the predicted position when it arrived."""
-        return float(self.batch.innovation[self.row])
+    def innovation(self) -> F64:
+        """(2,) normalised distance of position and velocity from the prediction at arrival."""
+        return np.asarray(self.batch.innovation[self.row])
+
+    @property
+    def is_birth(self) -> bool:
+        """Whether the track begins here."""
+        return bool(self.batch.birth[self.row])
 
 
 def stacked(nodes: list[Node]) -> NodeBatch:
     """The measurements of many nodes as one batch, to be whitened together.
 
-    Its slots number the rows and do not name tracks; none of its rows is a birth.
+    Its slots number the rows and do not name tracks.
     """
 
     def rows(name: str) -> F64:
@@ -52,7 +57,7 @@ def stacked(nodes: list[Node]) -> NodeBatch:
     return NodeBatch(
         stamp_ns=nodes[-1].batch.stamp_ns,
         slot=np.arange(len(nodes)),
-        birth=np.zeros(len(nodes), np.bool_),
+        birth=rows("birth").astype(np.bool_),
         position_m=rows("position_m"),
         position_covariance_m2=rows("position_covariance_m2"),
         velocity_mps=rows("velocity_mps"),
@@ -135,7 +140,7 @@ class FixedLagEngine(ABC):
         for row in np.nonzero(advanced)[0].tolist():
             slot = int(batch.slot[row])
             window = self._windows.setdefault(slot, deque())
-            window.append(Node(batch, row, float(dt_s[row]), float(batch.weight[row])))
+            window.append(Node(batch, row, float(dt_s[row]), batch.weight[row]))
             while window[0].batch.stamp_ns < oldest_ns:
                 self._drop_oldest(slot)
                 window.popleft()
@@ -169,19 +174,19 @@ class FixedLagEngine(ABC):
         return SmoothedWindow(stamps, mean, spread)
 
     def reweigh(self, slots: list[int], weights: list[F64]) -> None:
-        """Eliminates whole windows anew with other weights of their position factors.
+        """Eliminates whole windows anew with other weights of their measurements.
 
-        `weights[i]` (K,) in (0, 1] goes with the K nodes of `slots[i]`. The weight of the oldest
-        node is not read: its measurement is part of the prior on the window.
+        `weights[i]` (K, 2) in (0, 1] goes with the K nodes of `slots[i]`. The weights of the oldest
+        node are not read unless it is a birth: its measurements are part of the window's prior.
         """
         for slot, weight in zip(slots, weights, strict=True):
             window = self._windows[slot]
-            if weight.shape != (len(window),):
-                raise InputError("weights", weight.shape, str((len(window),)))
+            if weight.shape != (len(window), 2):
+                raise InputError("weights", weight.shape, str((len(window), 2)))
             if not ((weight > 0.0) & (weight <= 1.0)).all():
                 raise InputError("weights", weight.tolist(), "numbers in (0, 1]")
-            for k in range(1, len(window)):
-                window[k] = window[k]._replace(weight=float(weight[k]))
+            for k in range(0 if window[0].is_birth else 1, len(window)):
+                window[k] = window[k]._replace(weight=weight[k])
         self._resolve(slots)
 
     def _since(self, slots: Slots, stamp_ns: int) -> F64:

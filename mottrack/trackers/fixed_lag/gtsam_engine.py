@@ -143,7 +143,7 @@ class GtsamEngine(FixedLagEngine):
         return _eliminate(graph, [first, first + 1]).at(1)
 
     def _whitened(self, slots: list[int], nodes: list[Node]) -> WhitenedRows:
-        """Factors of nodes that are no births, each with the slot of its track."""
+        """Factors of nodes, each with the slot of its track."""
         dt_s = np.array([node.dt_s for node in nodes])
         return whiten(stacked(nodes), self._anchor_m[slots], dt_s, self.noise)
 
@@ -174,25 +174,40 @@ class GtsamEngine(FixedLagEngine):
         return spread
 
     def _resolve(self, slots: list[int]) -> None:
-        slots = [slot for slot in slots if len(self._windows[slot]) > 1]
-        later = {slot: list(self._windows[slot])[1:] for slot in slots}
-        owners = [slot for slot in slots for _ in later[slot]]
+        open_nodes = {slot: self._open_nodes(slot) for slot in slots}
+        slots = [slot for slot in slots if open_nodes[slot]]
+        owners = [slot for slot in slots for _ in open_nodes[slot]]
         if not owners:
             return
-        rows = self._whitened(owners, [node for slot in slots for node in later[slot]])
+        rows = self._whitened(owners, [node for slot in slots for node in open_nodes[slot]])
         graph, keys = gtsam.GaussianFactorGraph(), []
         row = 0
         for slot in slots:
             chain = self._chains[slot]
             key = (slot << _INDEX_BITS) + chain.count - len(chain.roots)
+            if len(open_nodes[slot]) == len(chain.roots):
+                chain.roots[0] = self._birth_root(key, rows, row)
+                row += 1
             graph.push_back(chain.roots[0])
             keys.append(key)
-            for _ in later[slot]:
+            for _ in range(len(chain.roots) - 1):
                 key += 1
                 self._link(graph, key, rows, row)
                 keys.append(key)
                 row += 1
         self._replace(slots, _eliminate(graph, keys))
+
+    def _open_nodes(self, slot: int) -> list[Node]:
+        """Nodes of a window whose weights may change: all but the oldest, or all from a birth."""
+        nodes = list(self._windows[slot])
+        return nodes if nodes[0].is_birth else nodes[1:]
+
+    @staticmethod
+    def _birth_root(key: int, rows: WhitenedRows, row: int) -> Any:
+        graph = gtsam.GaussianFactorGraph()
+        count = rows.count[row]
+        graph.add(key, rows.current[row, :count], rows.target[row, :count])
+        return _eliminate(graph, [key]).at(0)
 
     def _replace(self, slots: list[int], net: Any) -> None:
         """Takes whole windows out of the net of a re-solve."""
@@ -203,7 +218,8 @@ class GtsamEngine(FixedLagEngine):
             found = [net.at(position + k) for k in range(size)]
             position += size
             chain.conditionals = deque(found[:-1])
-            chain.roots = deque([chain.roots[0], *[None] * (size - 2), found[-1]])
+            if size > 1:
+                chain.roots = deque([chain.roots[0], *[None] * (size - 2), found[-1]])
             mean, covariance = _moments(found[-1].augmentedJacobianUnweighted()[None])
             self._mean[slot], self._covariance[slot] = mean[0], covariance[0]
 

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.objects import Objects
-from mottrack.trackers.association import candidate_pairs, hungarian, mahalanobis
+from mottrack.trackers.association import candidate_pairs, mahalanobis
 from mottrack.trackers.fixed_lag.config import AssociationConfig
 from mottrack.trackers.fixed_lag.engine import Belief
 from mottrack.trackers.fixed_lag.motion import F64
@@ -38,8 +39,9 @@ def match(
 
     `noise` (M, 2, 2) is the covariance of the objects' positions. With "nearest", every object
     asks for its nearest track and the nearest object of those that ask gets it. With "one_to_one"
-    as many pairs as possible are made and their total of `d^2 + log det S` is least (likelihood):
-    a new track, which is unsure where it is, does not take a settled track's object.
+    the total of `-2 log(N(off; 0, S) / stray)` is least, where `stray` is the density of objects
+    that belong to no track: a pair that is less likely than a chance object is not made, and a new
+    track, which is unsure where it is, does not take a settled track's object.
     """
     _, group = np.unique(np.concatenate([labels, objects.label]), return_inverse=True)
     groups = (group[: len(labels)].astype(np.int64), group[len(labels) :].astype(np.int64))
@@ -54,8 +56,24 @@ def match(
     if config.rule == "nearest":
         kept = _nearest(track, found, distance)
     else:
-        kept = hungarian(distance**2 + np.log(np.linalg.det(spread)), (track, found))
+        chance = 2.0 * np.log(2.0 * np.pi * config.stray_per_m2)
+        kept = _likeliest(distance**2 + np.log(np.linalg.det(spread)) + chance, (track, found))
     return Matches(track[kept], found[kept], distance[kept])
+
+
+def _likeliest(cost: F64, pairs: tuple[I64, I64]) -> I64:
+    """One-to-one pairs of least total cost; a pair of positive cost is worse than none."""
+    better = np.flatnonzero(cost < 0.0)
+    if len(better) == 0:
+        return better
+    rows, i = np.unique(pairs[0][better], return_inverse=True)
+    columns, j = np.unique(pairs[1][better], return_inverse=True)
+    matrix = np.zeros((len(rows), len(columns)))
+    matrix[i, j] = cost[better]
+    index = np.full(matrix.shape, -1, np.int64)
+    index[i, j] = better
+    chosen = index[linear_sum_assignment(matrix)]
+    return np.asarray(chosen[chosen >= 0], np.int64)
 
 
 def _nearest(track: I64, found: I64, distance: F64) -> I64:

@@ -45,9 +45,9 @@ class NodeBatch:
     has_velocity: NDArray[np.bool_]
     """(N,)."""
     weight: F64
-    """(N,) in (0, 1], the robust weight of the position factor."""
+    """(N, 2) in (0, 1], the robust weights of the position and the velocity factor."""
     innovation: F64
-    """(N,) normalised distance of the measured from the predicted position; 0 at a birth."""
+    """(N, 2) normalised distance of position and velocity from the prediction; 0 at a birth."""
 
     def __post_init__(self) -> None:
         count = len(self.slot)
@@ -59,8 +59,8 @@ class NodeBatch:
             "velocity_mps": (count, 2),
             "velocity_covariance_m2ps2": (count, 2, 2),
             "has_velocity": (count,),
-            "weight": (count,),
-            "innovation": (count,),
+            "weight": (count, 2),
+            "innovation": (count, 2),
         }
         for field, shape in expected.items():
             if getattr(self, field).shape != shape:
@@ -88,7 +88,7 @@ class NodeBatch:
         velocity = np.isfinite(self.velocity_mps).all(axis=1)
         velocity &= definite(self.velocity_covariance_m2ps2)
         step = self.birth | ((dt_s >= MIN_STEP_S) & (dt_s <= MAX_STEP_S))
-        weight = (self.weight > 0.0) & (self.weight <= 1.0)
+        weight = ((self.weight > 0.0) & (self.weight <= 1.0)).all(axis=1)
         usable: NDArray[np.bool_] = position & (velocity | ~self.has_velocity) & step & weight
         return usable
 
@@ -133,11 +133,12 @@ def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, noise: MotionNoise) -> Wh
     previous[batch.birth] = 0.0
     current[batch.birth, :6] = birth_prior(noise)
     root = square_root_information(batch.position_covariance_m2)
-    root *= np.sqrt(batch.weight)[:, None, None]
+    root *= np.sqrt(batch.weight[:, 0])[:, None, None]
     current[:, 6:8, 0:2] = root
     target[:, 6:8] = np.einsum("nij,nj->ni", root, batch.position_m - anchor_m)
     seen = batch.has_velocity
     root = square_root_information(batch.velocity_covariance_m2ps2[seen])
+    root *= np.sqrt(batch.weight[seen, 1])[:, None, None]
     current[seen, 8:10, 2:4] = root
     target[seen, 8:10] = np.einsum("nij,nj->ni", root, batch.velocity_mps[seen])
     return WhitenedRows(previous, current, target, np.where(seen, 10, 8))

@@ -58,7 +58,7 @@ class NumpyEngine(FixedLagEngine):
         spread = crossed @ step.transpose(0, 2, 1) + process_noise(dt_s, self.noise)
         born = batch.birth
         position = batch.position_m - self._anchor_m[batch.slot]
-        noise = batch.position_covariance_m2 / batch.weight[:, None, None]
+        noise = batch.position_covariance_m2 / batch.weight[:, :1, None]
         predicted[born] = 0.0
         predicted[born, :2] = position[born]
         spread[born] = _birth_covariance(self.noise)
@@ -67,7 +67,8 @@ class NumpyEngine(FixedLagEngine):
         gain[~born] = np.linalg.solve(spread[~born], crossed[~born]).transpose(0, 2, 1)
         state = (predicted.copy(), spread.copy())
         _update(state, np.nonzero(~born)[0], (position, noise), 0)
-        velocity = (batch.velocity_mps, batch.velocity_covariance_m2ps2)
+        spread_v = batch.velocity_covariance_m2ps2 / batch.weight[:, 1:, None]
+        velocity = (batch.velocity_mps, spread_v)
         _update(state, np.nonzero(batch.has_velocity)[0], velocity, 2)
         return Filtered(*state, predicted, spread, gain)
 
@@ -90,10 +91,14 @@ class NumpyEngine(FixedLagEngine):
 
     def _resolve(self, slots: list[int]) -> None:
         for slot in slots:
-            oldest = self._history[slot][0]
-            history = deque([oldest])
-            for node in list(self._windows[slot])[1:]:
-                prior = (history[-1].mean[None], history[-1].covariance[None])
+            nodes = list(self._windows[slot])
+            history: deque[Filtered] = deque()
+            if not nodes[0].is_birth:
+                history.append(self._history[slot][0])
+            for node in nodes[len(history) :]:
+                prior = (np.zeros((1, 6)), np.eye(6)[None])
+                if history:
+                    prior = (history[-1].mean[None], history[-1].covariance[None])
                 one = replace(stacked([node]), slot=np.array([slot]))
                 filtered = self._filter(one, np.array([node.dt_s]), *prior)
                 history.append(Filtered(*(array[0] for array in filtered)))

@@ -1,7 +1,8 @@
-"""Robust weights of position factors: Huber's loss, by re-solving flagged windows.
+"""Robust weights of measurements: Huber's loss, by re-solving flagged windows.
 
-A cluster that is cut by an occlusion or joined with its neighbour jumps by metres. When it arrives
-its weight comes from the innovation; later measurements then show whether it was an outlier, and
+A cluster that is cut by an occlusion or joined with its neighbour jumps by metres, and a flow that
+matched the wrong points is off by metres per second. When they arrive
+their weight comes from the innovation; later measurements then show whether it was an outlier, and
 the window of a flagged track is solved again with the weights of its smoothed residuals
 (iteratively reweighted least squares). Redescending losses are left out on purpose: after a bad
 birth they lock onto it.
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mottrack.trackers.fixed_lag.engine import FixedLagEngine
+from mottrack.trackers.fixed_lag.engine import FixedLagEngine, stacked
 from mottrack.trackers.fixed_lag.motion import F64, square_root_information
 
 
@@ -31,7 +32,7 @@ class Huber:
     """Windows solved again in one frame; the largest innovations go first."""
 
     def weights(self, distance: F64) -> F64:
-        """(N,) weight `min(1, threshold / distance)` of normalised distances (N,)."""
+        """Weights `min(1, threshold / distance)` of normalised distances of any shape."""
         if self.threshold <= 0:
             return np.ones_like(distance)
         return self.threshold / np.maximum(distance, self.threshold)
@@ -45,7 +46,7 @@ class Huber:
         moving = flagged
         for _ in range(self.iterations):
             fresh = {slot: self._window_weights(engine, slot) for slot in moving}
-            moving = [s for s in moving if np.abs(fresh[s] - current[s])[1:].max() > 1e-3]
+            moving = [s for s in moving if np.abs(fresh[s] - current[s]).max() > 1e-3]
             if not moving:
                 break
             engine.reweigh(moving, [fresh[slot] for slot in moving])
@@ -57,17 +58,30 @@ class Huber:
         worst = {}
         for slot in slots:
             nodes = engine.window(slot)[1:]
-            innovation = max((node.innovation for node in nodes), default=0.0)
+            innovation = max((node.innovation.max() for node in nodes), default=0.0)
             if innovation > self.flag:
                 worst[slot] = innovation
         ranked = sorted(worst, key=lambda slot: (-worst[slot], slot))
         return ranked[: self.max_windows]
 
     def _window_weights(self, engine: FixedLagEngine, slot: int) -> F64:
-        """(K,) weights from the residuals of the smoothed window."""
-        nodes = engine.window(slot)
-        position = np.array([node.batch.position_m[node.row] for node in nodes])
-        noise = np.array([node.batch.position_covariance_m2[node.row] for node in nodes])
-        off = position - engine.smooth(slot).mean[:, :2]
-        whitened = np.einsum("nij,nj->ni", square_root_information(noise), off)
-        return self.weights(np.linalg.norm(whitened, axis=1))
+        """(K, 2) weights from the residuals of the smoothed window; the oldest keeps its own."""
+        nodes = list(engine.window(slot))
+        data, smoothed = stacked(nodes), engine.smooth(slot).mean
+        distance = np.empty((len(nodes), 2))
+        distance[:, 0] = _length(data.position_covariance_m2, data.position_m - smoothed[:, :2])
+        spread = np.where(
+            data.has_velocity[:, None, None], data.velocity_covariance_m2ps2, np.eye(2)
+        )
+        distance[:, 1] = _length(spread, data.velocity_mps - smoothed[:, 2:4])
+        distance[~data.has_velocity, 1] = 0.0
+        weights = self.weights(distance)
+        if not nodes[0].is_birth:
+            weights[0] = nodes[0].weight
+        return weights
+
+
+def _length(covariance: F64, off: F64) -> F64:
+    """(N,) normalised length of residuals (N, 2)."""
+    whitened = np.einsum("nij,nj->ni", square_root_information(covariance), off)
+    return np.asarray(np.hypot(whitened[:, 0], whitened[:, 1]))

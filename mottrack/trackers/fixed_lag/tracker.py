@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.objects import Objects, Tracks
+from mottrack.trackers.association import mahalanobis
 from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.book import TrackBook
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
@@ -158,7 +159,9 @@ class FixedLagTracker:
         rows = np.concatenate([matches.object, born])
         slots = np.concatenate([known.slots[matches.track], fresh])
         birth = np.arange(len(rows)) >= len(matches.object)
-        innovation = np.concatenate([matches.distance, np.zeros(len(born))])
+        innovation = np.zeros((len(rows), 2))
+        innovation[~birth, 0] = matches.distance
+        innovation[~birth, 1] = _velocity_innovation(known.belief, matches, measurements)
         batch = NodeBatch(
             stamp_ns=stamp_ns,
             slot=slots,
@@ -238,6 +241,19 @@ class FixedLagTracker:
             observed=observed,
             hull=hull,
         )
+
+
+def _velocity_innovation(
+    belief: Belief, matches: Matches, measurements: Measured
+) -> NDArray[np.float64]:
+    """(P,) normalised distance of measured from predicted velocity; 0 where none was measured."""
+    seen = measurements.has_velocity[matches.object]
+    rows, tracks = matches.object[seen], matches.track[seen]
+    off = measurements.velocity_mps[rows] - belief.mean[tracks, 2:4]
+    spread = belief.covariance[tracks, 2:4, 2:4] + measurements.velocity_covariance_m2ps2[rows]
+    distance = np.zeros(len(seen))
+    distance[seen] = mahalanobis(off, spread)
+    return distance
 
 
 class _Held(NamedTuple):
