@@ -9,8 +9,6 @@ neighbour if that explains them better.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
@@ -21,14 +19,16 @@ from mottrack.flow.clusters import connected_cells
 from mottrack.flow.component_field import component_field
 from mottrack.flow.followers import follow_neighbours
 from mottrack.flow.matcher import Labels, MatchConfig, Matcher
-from mottrack.flow.stages import Stages, StagesConfig
+from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
 from mottrack.flow.verdict import Judged, VerdictConfig, is_moving
 
 
 class ClusterIcpConfig(StrictModel):
     """How sweeps are prepared, components made, registered and judged."""
 
-    stages: StagesConfig = Field(default_factory=StagesConfig)
+    stages: StagesConfig = Field(
+        default_factory=lambda: StagesConfig(visibility=VisibilityStage(enabled=False))
+    )
     match: MatchConfig = Field(default_factory=MatchConfig)
     verdict: VerdictConfig = Field(default_factory=VerdictConfig)
     far_m: float = Field(25.0, ge=0, description="beyond, cells are linked across an empty one")

@@ -12,40 +12,46 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mottrack.flow.matcher import Matcher, Matches
-from mottrack.flow.verdict import Judged, VerdictConfig, explains
+from mottrack.flow.matcher import Labels, Matcher
+from mottrack.flow.verdict import Judged, VerdictConfig
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, nearest
 
 _NEAR_M = 1.5
 """Farthest gap between a piece and the rest of its vehicle."""
-_STRAY_M = 0.4
-"""How far the piece's own registration may end from its neighbour's shift."""
+_SMALL = 40
+"""Points above which a component has a motion of its own."""
+_BETTER = 0.85
+"""Cost of the neighbour's shift over the cost of rest, at most."""
 
 
 def follow_neighbours(matcher: Matcher, judged: Judged, config: VerdictConfig) -> Judged:
-    """The same components, of which resting pieces near a moving one may now move with it."""
-    of_point, moving = judged.labels.of_point, judged.moving
-    if not moving.any():
+    """The same components, of which small ones near a moving one may now move with it.
+
+    What a small piece found on its own counts only where no larger neighbour moves, or where the
+    neighbour's shift explains it no better than rest.
+    """
+    of_point, points = judged.labels.of_point, judged.matches.points
+    leads = judged.moving & (points >= config.min_points)
+    if not leads.any():
         return judged
-    leaders = np.flatnonzero((of_point >= 0) & moving[of_point])
-    others = np.flatnonzero((of_point >= 0) & ~moving[of_point])
+    leaders = np.flatnonzero((of_point >= 0) & leads[of_point])
+    others = np.flatnonzero((of_point >= 0) & (~leads & (points < _SMALL))[of_point])
     flat_m = matcher.points_m * np.array([1, 1, 0], np.float32)
     grid = build_point_grid(flat_m[leaders], _NEAR_M, matcher.raster.x_max_m)
     leader_of = np.asarray(
         _leaders(grid, flat_m[others], of_point[others], of_point[leaders], judged.labels.count)
     )
-    followers = np.flatnonzero(leader_of >= 0)
-    first = np.searchsorted(followers, np.arange(judged.labels.count + 1))
-    starts_m = judged.matches.shift_m[leader_of[followers]]
-    tried = matcher.match(judged.labels, (starts_m, first))
-    stray_m = np.full(judged.labels.count, np.inf)
-    stray_m[followers] = np.hypot(*(tried.shift_m[followers] - starts_m).T)
-    joins = explains(tried, config) & (stray_m < _STRAY_M)
-    shift_m = judged.matches.shift_m.copy()
-    shift_m[joins] = judged.matches.shift_m[leader_of[joins]]
-    cost_m = np.where(joins, tried.cost_m, judged.matches.cost_m)
-    matches: Matches = replace(judged.matches, shift_m=shift_m, cost_m=cost_m)
-    return replace(judged, matches=matches, moving=moving | joins)
+    near = leader_of >= 0
+    led_m = judged.matches.shift_m[leader_of]
+    pieces = Labels(np.where(near[of_point] & (of_point >= 0), of_point, -1), judged.labels.count)
+    cost_m = matcher.costs(pieces, led_m)
+    joins = near & (cost_m < _BETTER * judged.matches.rest_cost_m)
+    matches = replace(
+        judged.matches,
+        shift_m=np.where(joins[:, None], led_m, judged.matches.shift_m),
+        cost_m=np.where(joins, cost_m, judged.matches.cost_m),
+    )
+    return replace(judged, matches=matches, moving=judged.moving | joins)
 
 
 @njit(cache=True)

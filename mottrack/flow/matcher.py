@@ -12,10 +12,10 @@ from mottrack.config import StrictModel
 from mottrack.core.grid import BevGrid
 from mottrack.flow.clusters import grown_labels
 from mottrack.flow.correlation import all_starts, distance_map
-from mottrack.flow.matching import MatchScene, match_components, rest_costs
+from mottrack.flow.matching import MatchScene, match_components, shift_costs
 from mottrack.flow.prepared import Prepared
 from mottrack.lidar.point_grid import build_point_grid
-from mottrack.lidar.range_image import build_range_image
+from mottrack.lidar.range_image import PASSED, build_range_image, seen_before
 from mottrack.lidar.thinning import first_in_voxel
 
 
@@ -51,6 +51,10 @@ class Matches:
     """(K,) points, of both sweeps, that the cost of rest is the mean of; hidden ones left out."""
     points: NDArray[np.int64]
     """(K,) thinned points of the component."""
+    passed: NDArray[np.int64]
+    """(K,) thinned points that stand where the previous sweep saw through."""
+    sampled: int
+    """Most points of a component that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,7 @@ class Matcher:
         )
         scale = np.array([1.0, 1.0, config.z_scale], np.float32)
         self._scaled_m = self.points_m * scale
+        self._cells = np.column_stack(self.raster.cells(self.points_m)[:2])
         then, now = prepared.previous_full, prepared.current_full
         self._scene = MatchScene(
             build_point_grid(self.previous_m * scale, config.cap_m, reach_m),
@@ -100,23 +105,49 @@ class Matcher:
 
         The correlation is left out where a start is given.
         """
+        scene, order, spans = self._sorted(labels)
+        points_m = np.ascontiguousarray(self._scaled_m[order])
+        at_rest = np.zeros((labels.count, 2))
+        rest = shift_costs(scene, (points_m, spans), at_rest, self.config.max_points)
+        if given is None:
+            wanted = (rest[:, 0] > self.config.search_above_m) & self._short(points_m, spans)
+            given = self._correlate(self._cells[order], spans, wanted)
+        limits = (
+            self.config.max_points,
+            self.config.max_speed_mps * self.elapsed_s,
+            self.config.search_above_m,
+        )
+        result = match_components(scene, (points_m, spans), given, rest, limits)
+        return Matches(
+            shift_m=result[:, :2],
+            cost_m=result[:, 2],
+            rest_cost_m=rest[:, 0],
+            compared=rest[:, 1].astype(np.int64),
+            points=np.diff(spans),
+            passed=self._passed(order, spans),
+            sampled=self.config.max_points,
+        )
+
+    def costs(self, labels: Labels, shift_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K,) cost of one given shift (K, 2) of each component, without registration."""
+        scene, order, spans = self._sorted(labels)
+        points_m = np.ascontiguousarray(self._scaled_m[order])
+        costs = shift_costs(scene, (points_m, spans), shift_m, self.config.max_points)
+        return np.asarray(costs[:, 0])
+
+    def _sorted(self, labels: Labels) -> tuple[MatchScene, NDArray[np.int64], NDArray[np.int64]]:
+        """The scene with the components' footprints, points sorted by component, spans (K + 1,)."""
         order = np.argsort(labels.of_point, kind="stable")
         order = order[np.searchsorted(labels.of_point[order], 0) :]
         spans = np.searchsorted(labels.of_point[order], np.arange(labels.count + 1))
-        points_m = np.ascontiguousarray(self._scaled_m[order])
-        rows, cols, inside = self.raster.cells(self.points_m)
-        scene = self._scene._replace(
-            footprint=grown_labels(self.raster.shape, (rows, cols), labels.of_point)
-        )
-        limits = (self.config.max_points, self.config.max_speed_mps * self.elapsed_s)
-        rest_m = rest_costs(scene, points_m, spans, self.config.max_points)
-        wanted = rest_m > self.config.search_above_m
-        cells = np.column_stack([rows, cols])[order]
-        starts = given or self._correlate(cells, spans, wanted & self._short(points_m, spans))
-        result = match_components(scene, points_m, spans, *starts, limits)
-        return Matches(
-            result[:, :2], result[:, 2], result[:, 3], result[:, 4].astype(int), np.diff(spans)
-        )
+        cells = (self._cells[:, 0], self._cells[:, 1])
+        footprint = grown_labels(self.raster.shape, cells, labels.of_point)
+        return self._scene._replace(footprint=footprint), order, spans
+
+    def _passed(self, order: NDArray[np.int64], spans: NDArray[np.int64]) -> NDArray[np.int64]:
+        states = seen_before(self._scene.previous_image, self.points_m[order])
+        before = np.concatenate([[0], np.cumsum(states == PASSED)])
+        return before[spans[1:]] - before[spans[:-1]]
 
     def _short(self, points_m: NDArray[np.float32], spans: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(K,) components that are not longer than a vehicle can be."""

@@ -69,7 +69,8 @@ class Refiner:
         self, matches: Matches, start_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(K,) components that take the registration's shift, and those that are at rest."""
-        believed = explains(matches, self.config.verdict)
+        # the estimator's hypothesis is evidence of its own
+        believed = explains(matches, np.ones_like(matches.cost_m, np.bool_), self.config.verdict)
         correction_m = np.hypot(*(matches.shift_m - start_m).T)
         refined = believed & (correction_m < self.config.max_correction_m)
         resting = ~believed & (matches.rest_cost_m < self.config.rest_cost_m)

@@ -15,14 +15,27 @@ from mottrack.flow.matcher import Labels, Matches
 class VerdictConfig(StrictModel):
     """When a shift is believed."""
 
-    max_ratio: float = Field(
-        0.7, gt=0, le=1, description="cost of the shift over the cost of rest, at most"
+    near_m: float = Field(0.5, gt=0, description="a shift within ICP's own reach from rest")
+    loose_ratio: float = Field(
+        0.7, gt=0, le=1, description="cost of a shift over that of rest, with much evidence"
+    )
+    strict_ratio: float = Field(
+        0.5, gt=0, le=1, description="the same with little: few points, or far and nothing passed"
     )
     advantage_m: float = Field(0.02, ge=0, description="cost of rest less that of the shift")
-    worst_cost_m: float = Field(0.2, gt=0, description="a shift that fits no better is refused")
+    strict_over_floor_m: float = Field(
+        0.04, gt=0, description="cost, with little evidence, above what resting components cost"
+    )
+    loose_over_floor_m: float = Field(0.1, gt=0, description="the same with much evidence")
     min_points: int = Field(12, ge=1, description="with fewer points a far shift fits anywhere")
     min_points_near: int = Field(6, ge=1, description="fewer than this are never believed")
-    near_m: float = Field(0.5, gt=0, description="a shift within ICP's own reach from rest")
+    many_points: int = Field(20, ge=1, description="a near shift of so many has much evidence")
+    min_passed: int = Field(
+        5, ge=1, description="points where the previous sweep saw through: much evidence"
+    )
+    seen_share: float = Field(
+        0.5, ge=0, description="points that speak about rest, as a share of those compared"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +49,38 @@ class Judged:
 
 
 def is_moving(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
-    """(K,) components whose shift is believed."""
-    believed = explains(matches, config)
-    far = np.hypot(matches.shift_m[:, 0], matches.shift_m[:, 1]) > config.near_m
-    needed = np.where(far, config.min_points, config.min_points_near)
-    return believed & (matches.points >= needed)
+    """(K,) components whose shift is believed, with enough points for how far it is."""
+    far = _is_far(matches, config)
+    enough = matches.points >= np.where(far, config.min_points, config.min_points_near)
+    strong = np.where(
+        far, matches.passed >= config.min_passed, matches.points >= config.many_points
+    )
+    return explains(matches, strong, config) & enough
 
 
-def explains(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
-    """(K,) components whose shift leaves clearly less unexplained than rest, and little."""
-    clear = matches.cost_m < config.max_ratio * matches.rest_cost_m
+def explains(
+    matches: Matches, strong: NDArray[np.bool_], config: VerdictConfig
+) -> NDArray[np.bool_]:
+    """(K,) components whose shift leaves clearly less unexplained than rest, and little.
+
+    A far shift is one of very many that were tried, so without further evidence (`strong`) it
+    must fit about as well as components at rest do (the floor: range noise and sampling of this
+    sensor). Where the previous sweep hardly saw the component's place, nothing speaks against
+    rest.
+    """
+    ratio = np.where(strong, config.loose_ratio, config.strict_ratio)
+    over_m = np.where(strong, config.loose_over_floor_m, config.strict_over_floor_m)
+    clear = matches.cost_m < ratio * matches.rest_cost_m
     clear &= matches.rest_cost_m - matches.cost_m > config.advantage_m
-    return clear & (matches.cost_m < config.worst_cost_m)
+    clear &= matches.compared > config.seen_share * np.minimum(matches.points, matches.sampled)
+    return clear & (matches.cost_m < noise_floor(matches, config) + over_m)
+
+
+def noise_floor(matches: Matches, config: VerdictConfig) -> float:
+    """Median cost of rest of the larger components: most of any scene rests."""
+    large = matches.points >= config.min_points
+    return float(np.median(matches.rest_cost_m[large])) if large.any() else 0.0
+
+
+def _is_far(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
+    return np.hypot(matches.shift_m[:, 0], matches.shift_m[:, 1]) > config.near_m

@@ -16,14 +16,17 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.pose import Pose
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, nearest
+from mottrack.lidar.thinning import first_in_voxel
 
 _MIN_PAIRS = 50
+_VOXEL_M = 0.15
+"""One point of the current sweep per cube: the sampling noise averages out over the pairs."""
 
 
 class AlignmentConfig(StrictModel):
     """Robust planar ICP of the previous sweep to the current one."""
 
-    max_points: int = Field(4000, ge=100, description="points of the previous sweep that are used")
+    max_points: int = Field(3000, ge=100, description="points of the previous sweep that are used")
     iterations: int = Field(15, ge=1, description="steps of the ICP")
     gate_m: float = Field(0.6, gt=0, description="farthest pair at the start; shrinks to a third")
     max_shift_m: float = Field(0.3, ge=0, description="a larger correction is refused")
@@ -45,7 +48,8 @@ def residual_motion(
     if len(previous_m) < _MIN_PAIRS or len(current_m) < _MIN_PAIRS:
         return Pose.identity()
     chosen = _spread(previous_m, config)
-    grid = build_point_grid(current_m, config.gate_m)
+    thinned = np.array(current_m[first_in_voxel(current_m, _VOXEL_M)])
+    grid = build_point_grid(thinned, config.gate_m / 2)
     gates_m = np.geomspace(config.gate_m, config.gate_m / 3, config.iterations)
     x_m, y_m, turn_rad = _planar_icp(grid, chosen, gates_m)
     if np.hypot(x_m, y_m) > config.max_shift_m or abs(turn_rad) > config.max_turn_rad:
@@ -58,12 +62,9 @@ def _spread(xyz_m: NDArray[np.float32], config: AlignmentConfig) -> NDArray[np.f
 
     Walls far away tell the turn best, and those close by hold most of the returns.
     """
+    first = first_in_voxel(xyz_m, 0.25)
     rng = np.random.default_rng(config.seed)
-    shuffled = xyz_m[rng.permutation(len(xyz_m))]
-    cell = np.floor(shuffled / 0.25).astype(np.int64)
-    key = (cell[:, 0] * 73856093) ^ (cell[:, 1] * 19349663) ^ (cell[:, 2] * 83492791)
-    first = np.sort(np.unique(key, return_index=True)[1])
-    return np.ascontiguousarray(shuffled[first[: config.max_points]])
+    return np.array(xyz_m[rng.permutation(first)[: config.max_points]])
 
 
 @njit(cache=True)
@@ -80,6 +81,8 @@ def _planar_icp(
         shift_x += step[0]
         shift_y += step[1]
         turn += step[2]
+        if abs(step[0]) + abs(step[1]) + 30 * abs(step[2]) < 1e-3:
+            break
     return shift_x, shift_y, turn
 
 

@@ -106,4 +106,6 @@ def translation_icp(
                 step_y += w * (grid.xyz_m[k, 1] - py)
         x_m += step_x / weight
         y_m += step_y / weight
+        if abs(step_x) + abs(step_y) < 1e-3 * weight:
+            break
     return x_m, y_m
