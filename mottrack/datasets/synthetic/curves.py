@@ -78,6 +78,20 @@ def turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.flo
     return np.asarray(curve)
 
 
+@njit(cache=True)
+def place_beside(
+    xy_m: NDArray[np.float64], heading_rad: NDArray[np.float64], s_m: float, lateral_m: float
+) -> tuple[float, float, float]:
+    """(x, y, heading) of one place beside a sampled curve, as ``Curve.at``."""
+    inside = min(max(s_m / STEP_M, 0.0), len(xy_m) - 1.0)
+    row = min(int(inside), len(xy_m) - 2)
+    u = inside - row
+    heading = heading_rad[row] * (1.0 - u) + heading_rad[row + 1] * u
+    x = xy_m[row, 0] * (1.0 - u) + xy_m[row + 1, 0] * u - lateral_m * np.sin(heading)
+    y = xy_m[row, 1] * (1.0 - u) + xy_m[row + 1, 1] * u + lateral_m * np.cos(heading)
+    return x, y, heading
+
+
 class Paths(NamedTuple):
     """Several curves side by side; named tuple for numba."""
 

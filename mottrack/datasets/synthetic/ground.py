@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from mottrack.datasets.synthetic.curves import STEP_M, place_beside
 from mottrack.datasets.synthetic.materials import ASPHALT, CONCRETE, GRASS
 from mottrack.datasets.synthetic.roads import Road, RoadNetwork
 from mottrack.datasets.synthetic.terrain import Terrain
@@ -23,8 +25,8 @@ def lay_ground(rng: np.random.Generator, network: RoadNetwork, extent: Extent) -
     height = _waves(rng, x, y)
     kerb = 0.0 if network.kind == "motorway" else float(rng.uniform(0.08, 0.16))
     height += kerb * (surface != ASPHALT)
-    rough = np.where(surface == GRASS, rng.uniform(0.01, 0.06), rng.uniform(0.002, 0.012))
-    height += (rough * rng.standard_normal(surface.shape, dtype=np.float32)).astype(np.float64)
+    rough: NDArray[np.float64] = np.where(surface == GRASS, *rng.uniform([0.03, 0.006], [0.2, 0.04]))
+    height += rough * (rng.random(surface.shape, dtype=np.float32) - np.float32(0.5))
     frame = (extent[0], extent[2], 1.0 / CELL_M)
     return Terrain(height.astype(np.float32), surface, frame, STEEPEST + 0.02)
 
@@ -36,14 +38,13 @@ def _waves(
     slope, downhill = STEEPEST * float(rng.beta(1.0, 2.5)) * 0.6, rng.uniform(-np.pi, np.pi)
     height = slope * (np.cos(downhill) * x[None, :] + np.sin(downhill) * y[:, None])
     spare = (STEEPEST - slope) * float(rng.uniform(0.0, 0.9)) / 4.0
-    for _ in range(4):
-        wave = 2.0 * np.pi / float(rng.uniform(45.0, 220.0))
-        way, phase = rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 2.0 * np.pi)
-        u, v = wave * np.cos(way) * x + phase, wave * np.sin(way) * y
-        # sin(u + v) in two outer products: one sine per grid point would take longer than a sweep
-        crest = np.outer(np.cos(v), np.sin(u)) + np.outer(np.sin(v), np.cos(u))
-        height += spare / wave * crest
-    return np.asarray(height)
+    wave = 2.0 * np.pi / rng.uniform(45.0, 220.0, 4)
+    way, phase = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.0, 2.0 * np.pi, 4)
+    u = np.outer(wave * np.cos(way), x) + phase[:, None]
+    v = np.outer(y, wave * np.sin(way))
+    # sin(u + v) as products: one sine per grid point would take longer than a sweep
+    crest = (np.cos(v) * (spare / wave)) @ np.sin(u) + (np.sin(v) * (spare / wave)) @ np.cos(u)
+    return np.asarray(height + crest)
 
 
 def _surfaces(
@@ -62,13 +63,28 @@ def _paint(
 ) -> None:
     """Paints a stroke of half width and material along a road."""
     half, material = stroke
-    s = np.arange(0.0, road.centre.length_m, 0.4 * CELL_M)
-    place = road.centre.at(s, np.zeros(len(s)))
-    across = np.append(np.arange(-half, half, 0.6 * CELL_M), half)
-    xy = place[:, None, :2] + across[None, :, None] * np.stack(
-        [-np.sin(place[:, 2]), np.cos(place[:, 2])], axis=-1
-    )[:, None, :]
-    col = np.rint((xy[..., 0] - extent[0]) / CELL_M).astype(np.int64)
-    row = np.rint((xy[..., 1] - extent[2]) / CELL_M).astype(np.int64)
-    inside = (col >= 0) & (col < surface.shape[1]) & (row >= 0) & (row < surface.shape[0])
-    surface[row[inside], col[inside]] = material
+    steps = np.arange(-half, half, 0.6 * CELL_M)
+    _paint_stroke(surface, road.centre.xy_m, road.centre.heading_rad, steps, (*extent, material))
+
+
+@njit(cache=True)
+def _paint_stroke(
+    surface: NDArray[np.int8],
+    xy_m: NDArray[np.float64],
+    heading_rad: NDArray[np.float64],
+    across_m: NDArray[np.float64],
+    brush: tuple[float, float, float, float, int],
+) -> None:
+    x_min, x_max, y_min, y_max, material = brush
+    wide = abs(across_m[0]) + 1.0
+    for i in range(2 * len(xy_m) - 1):
+        s = 0.5 * i * STEP_M
+        x, y, heading = place_beside(xy_m, heading_rad, s, 0.0)
+        if not (x_min - wide < x < x_max + wide and y_min - wide < y < y_max + wide):
+            continue
+        for k in range(len(across_m) + 1):
+            left = across_m[k] if k < len(across_m) else -across_m[0]
+            col = int(np.rint((x - left * np.sin(heading) - x_min) / CELL_M))
+            row = int(np.rint((y + left * np.cos(heading) - y_min) / CELL_M))
+            if 0 <= col < surface.shape[1] and 0 <= row < surface.shape[0]:
+                surface[row, col] = material

@@ -24,15 +24,15 @@ from mottrack.datasets.synthetic.intersect import (
 from mottrack.datasets.synthetic.materials import Materials
 from mottrack.datasets.synthetic.porous import Chord, inside_return, window_return
 from mottrack.datasets.synthetic.solids import BACKGROUND, BOX, CYLINDER, Solids
-from mottrack.datasets.synthetic.terrain import Terrain, ground_cosine, hit_ground, surface_at
+from mottrack.datasets.synthetic.terrain import Terrain, ground_cosine, ground_walk, surface_at
 
 GROUND = -2
 _NOTHING = -3
 _LEAF_COSINE = 0.6
-# columns of the table of candidates: the first three are the sensor's place in the solid's frame
-_TURN, _HALF, _CUTS, _KIND, _OPACITY, _DENSITY, _CLUMPED = 3, 5, 8, 10, 11, 12, 13
-_PITCH, _SHARE, _MATERIAL, _NUMBER, _BOUND, _FIRST, _LAST = 14, 15, 16, 17, 18, 19, 20
-_FIELDS = 21
+# columns of the table of candidates; what decides most often stands in front, in one cache line
+_AWAY, _RADIUS, _HEIGHT, _FIRST, _LAST, _TOP = 0, 2, 3, 4, 5, 6
+_PLACE, _TURN, _HALF, _CUTS, _KIND, _OPACITY, _DENSITY = 8, 10, 12, 15, 17, 18, 19
+_CLUMPED, _PITCH, _SHARE, _MATERIAL, _NUMBER, _FIELDS = 20, 21, 22, 23, 24, 25
 
 
 class World(NamedTuple):
@@ -69,15 +69,15 @@ def _cast(scan: Scan, world: World, candidates: Candidates, seed: np.uint64) -> 
         np.zeros((columns, rings), np.int16),
         np.zeros((columns, rings)),
     )
-    beams = _beams(scan)
-    near = np.empty((len(world.solids.kind), _FIELDS))
+    beams, stands = _beams(scan), _columns_of_beams(scan.offset_rad)
+    table = _describe(world)
     for column in range(columns):
         chosen = candidates.solid[candidates.start[column] : candidates.start[column + 1]]
-        _enter_frames(scan, world, chosen, column, near)
-        near[: len(chosen), _BOUND] = candidates.near_m[chosen]
+        near = table[chosen]
+        _enter_frames(scan, world.solids, chosen, column, near)
         rays = _directions(scan, beams, column)
-        met = _first_solids(near[: len(chosen)], rays, mix(seed, column), scan.max_range_m)
-        _keep_nearest(world.terrain, scan.origin_m[column], rays, met)
+        met = _first_solids(near, rays, mix(seed, column), scan.max_range_m)
+        _keep_nearest(world.terrain, scan.origin_m[column], rays, stands, met)
         for ring in range(rings):
             index = int(met[ring, 2])
             if index == _NOTHING:
@@ -86,6 +86,13 @@ def _cast(scan: Scan, world: World, candidates: Candidates, seed: np.uint64) -> 
             returns.material[column, ring] = int(met[ring, 3])
             returns.solid[column, ring] = chosen[index] if index >= 0 else GROUND
     return returns
+
+
+@njit(cache=True)
+def _columns_of_beams(offset_rad: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(R,) which of the beams stand over each other: equal numbers, equal azimuth."""
+    different = np.unique(np.rint(offset_rad * 2000.0))
+    return np.searchsorted(different, np.rint(offset_rad * 2000.0)).astype(np.int64)
 
 
 @njit(cache=True)
@@ -113,60 +120,100 @@ def _directions(scan: Scan, beams: NDArray[np.float64], column: int) -> NDArray[
 
 
 @njit(cache=True)
-def _enter_frames(
-    scan: Scan, world: World, chosen: NDArray[np.int64], column: int, near: NDArray[np.float64]
-) -> None:
-    """Fills one row per candidate: all that the beams of a column need to know, side by side."""
+def _describe(world: World) -> NDArray[np.float64]:
+    """(P, _FIELDS) what the beams of any column need to know of each solid, side by side."""
     solids, materials = world.solids, world.materials
-    for i in range(len(chosen)):
-        p = chosen[i]
-        x, y, z, yaw = solid_pose_at(solids, p, scan.time_s[column])
-        dx, dy = scan.origin_m[column, 0] - x, scan.origin_m[column, 1] - y
-        c, s = np.cos(yaw), np.sin(yaw)
-        row, material = near[i], solids.material[p]
-        row[0], row[1], row[2] = c * dx + s * dy, c * dy - s * dx, scan.origin_m[column, 2] - z
-        row[_TURN], row[_TURN + 1] = c, s
-        row[_HALF : _HALF + 3] = solids.half_m[p]
-        row[_CUTS : _CUTS + 2] = solids.chamfer_m[p]
+    table = np.empty((len(solids.kind), _FIELDS))
+    for p in range(len(table)):
+        row, material = table[p], solids.material[p]
+        row[_TURN], row[_TURN + 1] = np.cos(solids.yaw_rad[p]), np.sin(solids.yaw_rad[p])
+        for axis in range(3):
+            row[_HALF + axis] = solids.half_m[p, axis]
+        row[_CUTS], row[_CUTS + 1] = solids.chamfer_m[p, 0], solids.chamfer_m[p, 1]
         row[_KIND], row[_OPACITY] = solids.kind[p], materials.opacity[material]
         row[_DENSITY], row[_CLUMPED] = materials.density_per_m[material], materials.clumped[material]
         row[_PITCH], row[_SHARE] = materials.window_pitch_m[material], materials.window_share[material]
-        row[_MATERIAL], row[_NUMBER] = material, p
-        away, radius = np.hypot(dx, dy), np.hypot(row[_HALF], row[_HALF + 1])
-        row[_FIRST], row[_LAST] = away - radius, away + radius
+        row[_MATERIAL], row[_NUMBER], row[_TOP] = material, p, row[_HALF + 2]
+        row[_RADIUS] = np.hypot(row[_HALF], row[_HALF + 1])
+    return table
+
+
+@njit(cache=True)
+def _enter_frames(
+    scan: Scan,
+    solids: Solids,
+    chosen: NDArray[np.int64],
+    column: int,
+    near: NDArray[np.float64],
+) -> None:
+    """Completes the rows of the chosen solids by where the sensor is in their frames."""
+    time, sensor, rates = scan.time_s[column], scan.origin_m[column], solids.yaw_rate_radps
+    for i in range(len(chosen)):
+        x, y, z, yaw = solid_pose_at(solids, chosen[i], time)
+        dx, dy = sensor[0] - x, sensor[1] - y
+        row = near[i]
+        if rates[chosen[i]] != 0.0:
+            row[_TURN], row[_TURN + 1] = np.cos(yaw), np.sin(yaw)
+        c, s = row[_TURN], row[_TURN + 1]
+        row[_PLACE], row[_PLACE + 1] = c * dx + s * dy, c * dy - s * dx
+        row[_AWAY], row[_AWAY + 1], row[_HEIGHT] = dx, dy, sensor[2] - z
+        away, radius = np.sqrt(dx * dx + dy * dy), row[_RADIUS]
+        row[_FIRST], row[_LAST] = max(away - radius, 0.0), away + radius
 
 
 @njit(cache=True, error_model="numpy")
 def _first_solids(
     near: NDArray[np.float64], rays: NDArray[np.float64], seed: np.uint64, limit_m: float
 ) -> NDArray[np.float64]:
-    """(R, 4) per beam: range, cosine, row of the candidate met first, its material."""
+    """(R, 4) per beam: range, cosine, row of the candidate met first, its material.
+
+    Solids outside, beams inside: of a fan of beams few have the height of a given solid.
+    """
     met = np.empty((len(rays), 4))
-    for ring in range(len(rays)):
-        ray, key = (rays[ring, 0], rays[ring, 1], rays[ring, 2]), mix(seed, ring)
-        best, cosine, index = limit_m, 0.0, _NOTHING
-        flat = np.sqrt(1.0 - ray[2] * ray[2])
-        rise = ray[2] / flat
-        for i in range(len(near)):
-            if near[i, _BOUND] > best:
-                break
-            if _passes_over_or_under(near, i, rise):
-                continue
-            t, slant = _meet(near, i, key, (ray, best))
-            if t < best:
-                best, cosine, index = t, slant, i
-        met[ring, 0], met[ring, 1], met[ring, 2] = best, cosine, index
-        met[ring, 3] = near[index, _MATERIAL] if index >= 0 else 0.0
+    met[:, 0], met[:, 1], met[:, 2], met[:, 3] = limit_m, 0.0, _NOTHING, 0.0
+    course, slack = _courses(rays)
+    for i in range(len(near)):
+        low, high = _climbs(near[i, _HEIGHT], near[i, _TOP], near[i, _FIRST], near[i, _LAST])
+        ring = np.searchsorted(course[:, 2], low - slack)
+        while ring < len(rays) and course[ring, 3] <= high + slack:
+            aside = course[ring, 0] * near[i, _AWAY + 1] - course[ring, 1] * near[i, _AWAY]
+            if abs(aside) <= near[i, _RADIUS] and near[i, _FIRST] < met[ring, 0]:
+                ray = (rays[ring, 0], rays[ring, 1], rays[ring, 2])
+                t, cosine = _meet(near, i, mix(seed, ring), (ray, met[ring, 0]))
+                if t < met[ring, 0]:
+                    met[ring, 0], met[ring, 1], met[ring, 2] = t, cosine, i
+                    met[ring, 3] = near[i, _MATERIAL]
+            ring += 1
     return met
 
 
 @njit(cache=True)
-def _passes_over_or_under(near: NDArray[np.float64], i: int, rise: float) -> bool:
-    """Whether a beam that climbs ``rise`` per metre of way is clear of a candidate's heights."""
-    at_first = near[i, 2] + rise * max(near[i, _FIRST], 0.0)
-    at_last = near[i, 2] + rise * near[i, _LAST]
-    top = near[i, _HALF + 2]
-    return min(at_first, at_last) > top or max(at_first, at_last) < -top
+def _courses(rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """(R, 4) per metre of way: x, y, running maximum of the climb, climb; and its disorder.
+
+    A tilted sensor's beams do not climb strictly in order; the second result bounds by how much.
+    """
+    course, slack, most = np.empty((len(rays), 4)), 0.0, -np.inf
+    for ring in range(len(rays)):
+        flat = np.sqrt(1.0 - rays[ring, 2] * rays[ring, 2])
+        climb = rays[ring, 2] / flat
+        most = max(most, climb)
+        slack = max(slack, most - climb)
+        course[ring, 0], course[ring, 1] = rays[ring, 0] / flat, rays[ring, 1] / flat
+        course[ring, 2], course[ring, 3] = most, climb
+    return course, slack
+
+
+@njit(cache=True, error_model="numpy")
+def _climbs(height: float, top: float, first: float, last: float) -> tuple[float, float]:
+    """Climbs per metre between which a beam can meet a solid ``first`` to ``last`` metres away.
+
+    ``height`` is that of the sensor over the middle of the solid, ``top`` its half height.
+    """
+    if first <= 0.0:
+        return -np.inf, np.inf
+    below, above = -top - height, top - height
+    return min(below / first, below / last), max(above / first, above / last)
 
 
 @njit(cache=True)
@@ -174,18 +221,22 @@ def _keep_nearest(
     terrain: Terrain,
     sensor_m: NDArray[np.float64],
     rays: NDArray[np.float64],
+    stands: NDArray[np.int64],
     met: NDArray[np.float64],
 ) -> None:
     """Replaces what lies behind the ground by the ground."""
-    origin = (sensor_m[0], sensor_m[1], sensor_m[2])
-    heights, frame = terrain.height_m, terrain.frame
-    for ring in range(len(rays)):
-        ray = (rays[ring, 0], rays[ring, 1], rays[ring, 2])
-        t = hit_ground((heights, frame, terrain.slope), origin, ray, met[ring, 0])
-        if t < met[ring, 0]:
-            x, y = origin[0] + t * ray[0], origin[1] + t * ray[1]
-            met[ring, 0], met[ring, 1] = t, ground_cosine(heights, frame, (x, y), ray)
-            met[ring, 2], met[ring, 3] = GROUND, surface_at(terrain.surface, frame, x, y)
+    heights, surface = terrain.height_m, terrain.surface
+    for stand in range(stands.max() + 1):
+        walk = ground_walk(heights, terrain.frame, sensor_m, rays, (stands, stand, met[:, 0]))
+        for ring in range(len(rays)):
+            t = walk[ring]
+            if stands[ring] == stand and t < met[ring, 0]:
+                ray = (rays[ring, 0], rays[ring, 1], rays[ring, 2])
+                x, y = sensor_m[0] + t * ray[0], sensor_m[1] + t * ray[1]
+                met[ring, 0] = t
+                met[ring, 1] = ground_cosine(heights, terrain.frame, (x, y), ray)
+                met[ring, 2] = GROUND
+                met[ring, 3] = surface_at(surface, terrain.frame, x, y)
 
 
 @njit(cache=True, error_model="numpy")
@@ -195,7 +246,7 @@ def _meet(
     """(range, cosine) at which a beam comes back from one candidate; range inf if it does not."""
     ray, best = beam
     c, s = near[i, _TURN], near[i, _TURN + 1]
-    origin = (near[i, 0], near[i, 1], near[i, 2])
+    origin = (near[i, _PLACE], near[i, _PLACE + 1], near[i, _HEIGHT])
     direction = (c * ray[0] + s * ray[1], c * ray[1] - s * ray[0], ray[2])
     enter, leave, cosine = _geometry(near, i, origin, direction)
     if enter > leave or enter > best or leave <= 0.0:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mottrack.datasets.synthetic.curves import place_beside
 from mottrack.datasets.synthetic.materials import ASPHALT
 from mottrack.datasets.synthetic.roads import Road, RoadNetwork
 from mottrack.datasets.synthetic.solids import BOX, SolidsBuilder
-from mottrack.datasets.synthetic.terrain import Terrain, height_at, surface_at
+from mottrack.datasets.synthetic.terrain import Terrain, height_here, touches
 
 
 @dataclass
@@ -46,18 +47,13 @@ class Verge:
     def spot(self, s_m: float, beyond_m: float) -> Spot:
         """The place ``beyond_m`` behind the kerb (negative: on the carriageway)."""
         lateral = self.side * (self.road.profile.half_carriageway_m + beyond_m)
-        x, y, yaw = self.road.centre.at(np.array([s_m]), np.array([lateral]))[0]
-        frame = self.terrain.frame
-        z = height_at(self.terrain.height_m, frame, x, y)
-        return Spot(float(x), float(y), float(z), float(yaw))
+        centre = self.road.centre
+        x, y, yaw = place_beside(centre.xy_m, centre.heading_rad, float(s_m), float(lateral))
+        return Spot(x, y, height_here(self.terrain, x, y), yaw)
 
     def on_road(self, spot: Spot, reach_m: float = 0.4) -> bool:
         """Whether a thing of that reach would stand on a carriageway."""
-        frame, surface = self.terrain.frame, self.terrain.surface
-        around = ((reach_m, 0.0), (-reach_m, 0.0), (0.0, reach_m), (0.0, -reach_m), (0.0, 0.0))
-        return any(
-            surface_at(surface, frame, spot.x_m + dx, spot.y_m + dy) == ASPHALT for dx, dy in around
-        )
+        return bool(touches(self.terrain, ASPHALT, (spot.x_m, spot.y_m), float(reach_m)))
 
     def near_junction(self, s_m: float, margin_m: float) -> bool:
         """Whether arc length ``s_m`` lies in the area of the intersection."""

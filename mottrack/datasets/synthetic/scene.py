@@ -13,7 +13,7 @@ from mottrack.core.frame import Frame
 from mottrack.core.objects import Objects, Truth
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import Sweep
-from mottrack.datasets.synthetic.catalogue import TRACKED, UNKNOWN
+from mottrack.datasets.synthetic.catalogue import TRACKED
 from mottrack.datasets.synthetic.config import SyntheticConfig
 from mottrack.datasets.synthetic.detector import Clock, Ghosts, Seen, detect, draw_ghosts
 from mottrack.datasets.synthetic.ego import PoseError, pose_of
@@ -45,8 +45,8 @@ class SyntheticScene:
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """The seven tracked classes, and what no detector reports."""
-        return TRACKED + UNKNOWN
+        """The seven tracked classes; truth also names what no detector reports."""
+        return TRACKED
 
     @property
     def has_sweeps(self) -> bool:

@@ -146,19 +146,30 @@ def _to_ego(
 ) -> NDArray[np.float64]:
     """(N, 3) reported points in the ego frame at the stamp."""
     out = np.empty((len(points.column), 3))
+    rings = np.empty((len(scan.elevation_rad), 2))
+    rings[:, 0], rings[:, 1] = np.cos(scan.elevation_rad), np.sin(scan.elevation_rad)
+    rotation, origin, column, ring = scan.rotation, scan.origin_m, points.column, points.ring
     for i in range(len(out)):
-        column, ring = points.column[i], points.ring[i]
-        azimuth = scan.azimuth_rad[column] + scan.offset_rad[ring]
-        flat = np.cos(scan.elevation_rad[ring])
-        ray = (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(scan.elevation_rad[ring]))
-        world = np.empty(3)
+        c, e = column[i], ring[i]
+        azimuth = scan.azimuth_rad[c] + scan.offset_rad[e]
+        x, y, z = rings[e, 0] * np.cos(azimuth), rings[e, 0] * np.sin(azimuth), rings[e, 1]
+        r, o = points.range_m[i], place_m
+        wx = origin[c, 0] - o[0] + r * _turned(rotation, c, 0, (x, y, z))
+        wy = origin[c, 1] - o[1] + r * _turned(rotation, c, 1, (x, y, z))
+        wz = origin[c, 2] - o[2] + r * _turned(rotation, c, 2, (x, y, z))
         for axis in range(3):
-            r = scan.rotation[column, axis]
-            way = r[0] * ray[0] + r[1] * ray[1] + r[2] * ray[2]
-            world[axis] = scan.origin_m[column, axis] + points.range_m[i] * way - place_m[axis]
-        for axis in range(3):
-            out[i, axis] = turn[0, axis] * world[0] + turn[1, axis] * world[1] + turn[2, axis] * world[2]
+            out[i, axis] = turn[0, axis] * wx + turn[1, axis] * wy + turn[2, axis] * wz
     return out
+
+
+@njit(cache=True, inline="always")
+def _turned(
+    rotation: NDArray[np.float64], c: int, axis: int, ray: tuple[float, float, float]
+) -> float:
+    """One coordinate of a direction turned by the rotation of a column."""
+    return (
+        rotation[c, axis, 0] * ray[0] + rotation[c, axis, 1] * ray[1] + rotation[c, axis, 2] * ray[2]
+    )
 
 
 def _velocities(

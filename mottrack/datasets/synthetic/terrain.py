@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from mottrack.datasets.synthetic.intersect import Vector
 
-_STRIDE_M = 1.0
-_STRIDE_GROWTH = 0.05
-_CHORDS = 2
+_STRIDE_M = 0.5
+_STRIDE_GROWTH = 0.03
 Frame = tuple[float, float, float]
 """(x_min_m, y_min_m, cells per metre) of a grid."""
 
@@ -51,6 +50,12 @@ def heights_at(terrain: Terrain, xy_m: NDArray[np.float64]) -> NDArray[np.float6
 
 
 @njit(cache=True)
+def height_here(terrain: Terrain, x_m: float, y_m: float) -> float:
+    """Height of the ground at one point."""
+    return float(height_at(terrain.height_m, terrain.frame, x_m, y_m))
+
+
+@njit(cache=True, inline="always")
 def surface_at(surface: NDArray[np.int8], frame: Frame, x_m: float, y_m: float) -> int:
     """Material of the ground at a point."""
     col = min(max(int((x_m - frame[0]) * frame[2] + 0.5), 0), surface.shape[1] - 1)
@@ -58,57 +63,71 @@ def surface_at(surface: NDArray[np.int8], frame: Frame, x_m: float, y_m: float) 
     return int(surface[row, col])
 
 
-@njit(cache=True, error_model="numpy")
-def hit_ground(
-    terrain: tuple[NDArray[np.float32], Frame, float],
-    origin: Vector,
-    direction: Vector,
-    limit_m: float,
-) -> float:
-    """Ray parameter at which a ray first goes under ground, inf if not before ``limit_m``.
+@njit(cache=True)
+def touches(terrain: Terrain, material: int, xy_m: tuple[float, float], reach_m: float) -> bool:
+    """Whether a material lies at a point or ``reach_m`` from it along an axis."""
+    x, y = xy_m
+    for dx, dy in ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        near = surface_at(terrain.surface, terrain.frame, x + reach_m * dx, y + reach_m * dy)
+        if near == material:
+            return True
+    return False
 
-    Steps as far as the slope bound allows, and never less than a stride in which the smooth ground
-    cannot rise and fall again; ends with chords between above and below (regula falsi).
+
+@njit(cache=True, error_model="numpy")
+def ground_walk(
+    height_m: NDArray[np.float32],
+    frame: Frame,
+    sensor_m: NDArray[np.float64],
+    rays: NDArray[np.float64],
+    choice: tuple[NDArray[np.int64], int, NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """(R,) range at which each beam goes under ground, inf if not before its limit.
+
+    Beams over each other share one section through the ground, sampled every _STRIDE_M and more
+    coarsely far away, straight in between. A beam is over the ground at least as far as the one
+    below it, so one walk outwards serves all.
 
     Args:
-        terrain: heights, their frame, and the bound on the slope.
-        origin: where the ray starts, world frame.
-        direction: unit vector, world frame.
-        limit_m: how far to look.
+        height_m: heights of the terrain.
+        frame: of the heights.
+        sensor_m: (3,) where the beams start.
+        rays: (R, 3) directions, lowest first.
+        choice: number of the stand of each beam, which stand to do, and (R,) ranges beyond which
+            the answer does not matter.
     """
-    heights, frame, slope = terrain
-    ox, oy, oz = origin
-    dx, dy, dz = direction
-    closing = slope * np.sqrt(1.0 - dz * dz) - dz
-    if closing <= 1e-3:
-        return np.inf
-    t, gap = 0.0, oz - height_at(heights, frame, ox, oy)
-    ahead, below = 0.0, 1.0
-    while below >= 0.0:
-        if ahead > limit_m:
-            return np.inf
-        ahead = t + max(gap / closing, _STRIDE_M + _STRIDE_GROWTH * t)
-        below = oz + ahead * dz - height_at(heights, frame, ox + ahead * dx, oy + ahead * dy)
-        if below >= 0.0:
-            t, gap = ahead, below
-    for _ in range(_CHORDS):
-        middle = t + (ahead - t) * gap / (gap - below)
-        there = oz + middle * dz - height_at(heights, frame, ox + middle * dx, oy + middle * dy)
-        if there < 0.0:
-            ahead, below = middle, there
-        else:
-            t, gap = middle, there
-    return t + (ahead - t) * gap / (gap - below)
+    stands, stand, limit_m = choice
+    hits = np.full(len(rays), np.inf)
+    way = before = 0.0
+    ground = ground_before = height_at(height_m, frame, sensor_m[0], sensor_m[1])
+    for ring in range(len(rays)):
+        if stands[ring] != stand:
+            continue
+        flat = np.sqrt(1.0 - rays[ring, 2] * rays[ring, 2])
+        climb, end = rays[ring, 2] / flat, limit_m[ring] * flat
+        while way < end and sensor_m[2] + climb * way >= ground:
+            before, ground_before = way, ground
+            way += max(_STRIDE_M, _STRIDE_GROWTH * way)
+            x = sensor_m[0] + way * rays[ring, 0] / flat
+            y = sensor_m[1] + way * rays[ring, 1] / flat
+            ground = height_at(height_m, frame, x, y)
+        over = sensor_m[2] + climb * before - ground_before
+        under = ground - sensor_m[2] - climb * way
+        if under > 0.0:
+            hits[ring] = (before + (way - before) * over / (over + under)) / flat
+    return hits
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def ground_cosine(
     height_m: NDArray[np.float32], frame: Frame, xy_m: tuple[float, float], direction: Vector
 ) -> float:
-    """Cosine of incidence of a ray on the ground at a point."""
-    reach = 1.0 / frame[2]
-    here = height_at(height_m, frame, xy_m[0], xy_m[1])
-    slope_x = (height_at(height_m, frame, xy_m[0] + reach, xy_m[1]) - here) * frame[2]
-    slope_y = (height_at(height_m, frame, xy_m[0], xy_m[1] + reach) - here) * frame[2]
+    """Cosine of incidence of a ray on the ground at a point, by the slope of its cell."""
+    rows, cols = height_m.shape
+    col = min(max(int((xy_m[0] - frame[0]) * frame[2]), 0), cols - 2)
+    row = min(max(int((xy_m[1] - frame[1]) * frame[2]), 0), rows - 2)
+    here = height_m[row, col]
+    slope_x = (height_m[row, col + 1] - here) * frame[2]
+    slope_y = (height_m[row + 1, col] - here) * frame[2]
     norm = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     return abs(direction[2] - slope_x * direction[0] - slope_y * direction[1]) / norm

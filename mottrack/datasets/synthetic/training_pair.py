@@ -16,7 +16,7 @@ from mottrack.datasets.synthetic.traffic import Density
 from mottrack.datasets.synthetic.world import World, WorldPlan, build_world
 
 _WORLD, _RIG, _FIRST, _SECOND = range(4)
-_WARM_UP_S = 1.0
+_WARM_UP_S = 0.3
 
 
 class TrainingConfig(StrictModel):
