@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.geometry.iou import bev_iou
+from mottrack.geometry.pair_iou import bev_iou_of_pairs
 from mottrack.trackers.association.candidates import candidate_pairs, runs
 
 F64 = NDArray[np.float64]
@@ -24,10 +24,10 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
     better, worse = candidate_pairs(ranked[:, :2], ranked[:, :2], reach, (group[order],) * 2)
     later = better < worse
     better, worse = better[later], worse[later]
+    covered = bev_iou_of_pairs(ranked, ranked, (better, worse)) > iou
+    better, worse = better[covered], worse[covered]
     alive = np.ones(len(order), bool)
     for start, stop in runs(better):
-        row = better[start]
-        if alive[row]:
-            rivals = worse[start:stop]
-            alive[rivals] &= bev_iou(ranked[row : row + 1], ranked[rivals])[0] <= iou
+        if alive[better[start]]:
+            alive[worse[start:stop]] = False
     return np.asarray(np.sort(order[alive]))

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -34,12 +36,32 @@ def greedy(cost: F64, pairs: Pairs) -> I64:
 def hungarian(cost: F64, pairs: Pairs) -> I64:
     """The matching with the most pairs and, among those, the least total cost.
 
-    Same arguments and result as `greedy`; pairs that are not listed can never match.
+    Same arguments and result as `greedy`; pairs that are not listed can never match. Groups of
+    rows and columns that no pair connects are solved one by one, so the work grows with the number
+    of conflicts.
     """
     if len(cost) == 0:
         return np.empty(0, np.int64)
     rows, i = np.unique(pairs[0], return_inverse=True)
     columns, j = np.unique(pairs[1], return_inverse=True)
+    size = len(rows) + len(columns)
+    links = coo_array((np.ones(len(i), np.int8), (i, len(rows) + j)), shape=(size, size))
+    group = connected_components(links, directed=False)[1][i]
+    lonely = np.bincount(group)[group] == 1
+    chosen = [np.flatnonzero(lonely)]
+    rest = np.flatnonzero(~lonely)
+    order = rest[np.argsort(group[rest], kind="stable")]
+    groups = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    chosen += [some[_solve(cost[some], i[some], j[some])] for some in groups]
+    return np.concatenate(chosen)
+
+
+def _solve(cost: F64, row: I64, column: I64) -> I64:
+    """Indices of the pairs of the best matching within one group."""
+    if len(cost) == 0:
+        return np.empty(0, np.int64)
+    rows, i = np.unique(row, return_inverse=True)
+    columns, j = np.unique(column, return_inverse=True)
     floor = float(cost.min())
     absent = (float(cost.max()) - floor + 1.0) * (min(len(rows), len(columns)) + 1)
     matrix = np.full((len(rows), len(columns)), absent)

@@ -23,23 +23,28 @@ def candidate_pairs(
     if len(left_xy_m) == 0 or len(right_xy_m) == 0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
     reach = np.broadcast_to(np.reshape(reach_m, (len(right_xy_m), -1)), (len(right_xy_m), 2))
-    groups = groups or (np.zeros(len(left_xy_m), np.int64), np.zeros(len(right_xy_m), np.int64))
-    found = [
-        _strip_pairs(
-            left_xy_m,
-            right_xy_m,
-            reach,
-            np.flatnonzero(groups[0] == g),
-            np.flatnonzero(groups[1] == g),
-        )
-        for g in np.intersect1d(groups[0], groups[1])
-    ]
-    if not found:
-        return np.empty(0, np.int64), np.empty(0, np.int64)
-    left = np.concatenate([pair[0] for pair in found])
-    right = np.concatenate([pair[1] for pair in found])
-    order = np.lexsort((right, left))
-    return left[order], right[order]
+    i, j = _strip_pairs(*_apart(left_xy_m[:, 0], right_xy_m[:, 0], reach[:, 0], groups))
+    if groups is not None:
+        same = groups[0][i] == groups[1][j]
+        i, j = i[same], j[same]
+    near = np.all(np.abs(left_xy_m[i] - right_xy_m[j]) <= reach[j], axis=1)
+    i, j = i[near], j[near]
+    order = np.lexsort((j, i))
+    return i[order], j[order]
+
+
+def _apart(
+    left_m: F64, right_m: F64, reach_m: F64, groups: tuple[I64, I64] | None
+) -> tuple[F64, F64, F64]:
+    """Positions along x with the groups set side by side, so that one sweep serves them all."""
+    if groups is None:
+        return left_m, right_m, reach_m
+    low = min(float(left_m.min()), float(right_m.min()))
+    extent = max(float(left_m.max()), float(right_m.max())) - low + 1.0
+    reach = np.minimum(reach_m, extent)
+    pitch = extent + float(reach.max())
+    slack = reach + 1e-9 * pitch * (1.0 + float(np.max(groups[1])))
+    return left_m - low + pitch * groups[0], right_m - low + pitch * groups[1], slack
 
 
 def runs(rows: I64) -> list[tuple[int, int]]:
@@ -48,16 +53,12 @@ def runs(rows: I64) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], len(rows)], strict=False))
 
 
-def _strip_pairs(
-    left_xy_m: F64, right_xy_m: F64, reach_m: F64, left: I64, right: I64
-) -> tuple[I64, I64]:
-    left = left[np.argsort(left_xy_m[left, 0], kind="stable")]
-    x_sorted = left_xy_m[left, 0]
-    x, reach = right_xy_m[right, 0], reach_m[right, 0]
-    first = np.searchsorted(x_sorted, x - reach, side="left")
-    count = np.searchsorted(x_sorted, x + reach, side="right") - first
-    column = np.repeat(np.arange(len(right)), count)
+def _strip_pairs(left_m: F64, right_m: F64, reach_m: F64) -> tuple[I64, I64]:
+    """Pairs no further apart than reach_m (M,) along one axis, by binary search."""
+    order = np.argsort(left_m, kind="stable")
+    sorted_m = left_m[order]
+    first = np.searchsorted(sorted_m, right_m - reach_m, side="left")
+    count = np.searchsorted(sorted_m, right_m + reach_m, side="right") - first
+    column = np.repeat(np.arange(len(right_m)), count)
     offset = np.arange(len(column)) - np.repeat(np.cumsum(count) - count, count)
-    i, j = left[first[column] + offset], right[column]
-    near = np.abs(left_xy_m[i, 1] - right_xy_m[j, 1]) <= reach_m[j, 1]
-    return i[near], j[near]
+    return order[first[column] + offset], column

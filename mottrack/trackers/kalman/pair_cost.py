@@ -13,7 +13,7 @@ from mottrack.trackers.association import centre_distance_m
 from mottrack.trackers.kalman.config import AssociationConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.state import BOX_SIZE, VELOCITY, YAW
-from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
+from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 
 if TYPE_CHECKING:
     from mottrack.trackers.kalman.matching import Predicted
@@ -74,7 +74,7 @@ def mahalanobis_cost(
         distance = distance.astype(np.float32).astype(np.float64)
     if config.stray_per_m2 is None:
         return distance, distance
-    surprise = squared - np.log(np.linalg.det(inverse)) + 2.0 * np.log(2.0 * np.pi)
+    surprise = squared - np.log(determinant_2x2(inverse)) + 2.0 * np.log(2.0 * np.pi)
     unlikely = surprise > -2.0 * np.log(config.stray_per_m2)
     return np.where(unlikely, np.inf, distance), surprise
 

@@ -15,6 +15,11 @@ def inverse_2x2(matrix: F64) -> F64:
     return inverse / (a * d - b * b)[:, None, None]
 
 
+def determinant_2x2(matrix: F64) -> F64:
+    """Determinant of symmetric (N, 2, 2) matrices, (N,)."""
+    return np.asarray(matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] ** 2)
+
+
 def quadratic_2x2(matrix: F64, vector: F64) -> F64:
     """Quadratic form v' M v of symmetric (N, 2, 2) matrices and (N, 2) vectors, (N,)."""
     x, y = vector[:, 0], vector[:, 1]
