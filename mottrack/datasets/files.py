@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.datasets.faults import MissingError, NonFiniteError, OutsideRootError, TruncatedError
 
 MAX_RANGE_M = 2_000.0
 """No LiDAR sees farther; a coordinate beyond it is a damaged file, not a return."""
@@ -32,18 +33,18 @@ def inside(root: Path, relative: str, *, follow_links: bool = False) -> Path:
     path = root / relative
     plain = not Path(relative).is_absolute() and ".." not in Path(relative).parts
     if not plain or "\0" in relative:
-        raise DataError(root, "path", relative, "a path inside the data root")
+        raise OutsideRootError(root, "path", relative, "a path inside the data root")
     if not follow_links and not path.resolve().is_relative_to(root.resolve()):
-        raise DataError(path, "link", str(path.resolve()), "a target inside the data root")
+        raise OutsideRootError(path, "link", str(path.resolve()), "a target inside the data root")
     return path
 
 
 def existing_folder(path: Path, field: str) -> Path:
     """Return `path` if it is a folder that is not empty, else raise `DataError`."""
     if not path.is_dir():
-        raise DataError(path, field, "missing", "a folder")
+        raise MissingError(path, field, "missing", "a folder")
     if next(path.iterdir(), None) is None:
-        raise DataError(path, field, "empty folder", "a folder with data")
+        raise MissingError(path, field, "empty folder", "a folder with data")
     return path
 
 
@@ -51,8 +52,11 @@ def read_bytes(path: Path) -> bytes:
     """Return the bytes of a file; an unreadable or missing one is a `DataError`."""
     try:
         return path.read_bytes()
+    except FileNotFoundError as error:
+        raise MissingError(path, "file", "missing", "a file of the data set") from error
     except OSError as error:
-        raise DataError(path, "file", error.strerror or "unreadable", "a readable file") from error
+        reason = error.strerror or type(error).__name__
+        raise DataError(path, "file", f"unreadable ({reason})", "a readable file") from error
 
 
 def read_text(path: Path) -> str:
@@ -74,7 +78,7 @@ def read_floats(path: Path, columns: int) -> NDArray[np.float32]:
     row_bytes = 4 * columns
     if not data or len(data) % row_bytes:
         expected = f"a positive multiple of {row_bytes} ({columns} float32 a point)"
-        raise DataError(path, "size in bytes", len(data), expected)
+        raise TruncatedError(path, "size in bytes", len(data), expected)
     values = np.frombuffer(data, dtype="<f4").reshape(-1, columns).astype(np.float32)
     check_finite(path, values)
     return values
@@ -84,7 +88,7 @@ def check_finite(path: Path, values: NDArray[np.floating[Any]]) -> None:
     """Raise `DataError` naming the first row of (N, C) `values` that is not finite."""
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if bad.size:
-        raise DataError(path, f"point {bad[0]}", values[bad[0]].tolist(), "finite values")
+        raise NonFiniteError(path, f"point {bad[0]}", values[bad[0]].tolist(), "finite values")
 
 
 def check_range(path: Path, xyz_m: NDArray[np.floating[Any]]) -> None:
@@ -159,5 +163,5 @@ def _parse(path: Path, where: str, text: str, column: Column) -> int | float | s
         kind = {int: "an integer", float: "a number", str: "text"}[column.kind]
         raise DataError(path, where, text, kind) from error
     if isinstance(value, float) and not np.isfinite(value):
-        raise DataError(path, where, text, "a finite number")
+        raise NonFiniteError(path, where, text, "a finite number")
     return value

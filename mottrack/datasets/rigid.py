@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import Pose
-from mottrack.core.errors import DataError
+from mottrack.datasets.faults import NonFiniteError, NotRigidError
 
 MAX_DEFECT = 1e-3
 """Largest |R R^T - I| taken for rounding; more is a damaged or mistaken matrix."""
@@ -23,10 +23,10 @@ def rigid_pose(matrix: NDArray[np.float64], file: Path, field: str) -> Pose:
     """
     rotation, translation = matrix[:3, :3], matrix[:3, 3]
     if not np.isfinite(matrix).all():
-        raise DataError(file, field, matrix[:3].ravel().tolist(), "finite numbers")
+        raise NonFiniteError(file, field, matrix[:3].ravel().tolist(), "finite numbers")
     defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if defect > MAX_DEFECT or np.linalg.det(rotation) < 0.0:
-        raise DataError(file, field, f"off by {defect:.3g}", "a rotation matrix")
+        raise NotRigidError(file, field, f"off by {defect:.3g}", "a rotation matrix")
     left, _, right = np.linalg.svd(rotation)
     return Pose(left @ right, translation.copy())
 
@@ -41,10 +41,14 @@ def quaternion_pose(
 
     """
     if not (np.isfinite(wxyz).all() and np.isfinite(translation_m).all()):
-        raise DataError(file, field, [*wxyz.tolist(), *translation_m.tolist()], "finite numbers")
+        raise NonFiniteError(
+            file, field, [*wxyz.tolist(), *translation_m.tolist()], "finite numbers"
+        )
     length = float(np.linalg.norm(wxyz))
     if abs(length - 1.0) > MAX_DEFECT:
-        raise DataError(file, field, wxyz.tolist(), f"a unit quaternion, length is {length:.4g}")
+        raise NotRigidError(
+            file, field, wxyz.tolist(), f"a unit quaternion, length is {length:.4g}"
+        )
     return Pose.from_quaternion_wxyz(wxyz / length, translation_m)
 
 

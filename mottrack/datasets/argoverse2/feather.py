@@ -11,6 +11,7 @@ import pyarrow.feather
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.datasets.faults import NonFiniteError
 from mottrack.datasets.files import read_bytes
 
 Columns = dict[str, NDArray[Any]]
@@ -64,7 +65,7 @@ def _column(path: Path, values: Any, name: str, *, text: bool) -> NDArray[Any]:
     if array.dtype.kind == "f":
         bad = np.flatnonzero(~np.isfinite(array))
         if bad.size:
-            raise DataError(path, f"{name} of row {bad[0]}", float(array[bad[0]]), "finite")
+            raise NonFiniteError(path, f"{name} of row {bad[0]}", float(array[bad[0]]), "finite")
     return array
 
 

@@ -18,6 +18,7 @@ from mottrack.datasets.argoverse2.cuboids import (
 from mottrack.datasets.argoverse2.ground_height import GroundHeight, read_ground_height
 from mottrack.datasets.argoverse2.poses import read_lidar_origin, read_poses
 from mottrack.datasets.argoverse2.sweeps import read_sweep, sweep_stamps
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.tables import DetectionTable, truth_of
 
 
@@ -92,7 +93,7 @@ class Argoverse2Scene:
         poses = read_poses(path)
         for stamp in self._stamps:
             if stamp not in poses:
-                raise DataError(path, "pose", "missing", f"a row with timestamp_ns {stamp}")
+                raise MissingError(path, "pose", "missing", f"a row with timestamp_ns {stamp}")
         return [poses[stamp] for stamp in self._stamps]
 
     @cached_property

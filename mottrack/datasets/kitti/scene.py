@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.calibration import Calibration, read_calibration
@@ -89,7 +90,7 @@ class KittiScene:
             path, poses = files.oxts, read_oxts(files.oxts, self._calibration)
         if len(poses) < self._frames_labelled():
             expected = f"{self._frames_labelled()}, one for each labelled frame"
-            raise DataError(path, "number of poses", len(poses), expected)
+            raise MissingError(path, "number of poses", len(poses), expected)
         return poses
 
     def _frames_labelled(self) -> int:
@@ -104,7 +105,7 @@ class KittiScene:
         if self._files.config.require_sweeps:
             numbers = recorded_frames(self._files.sweeps, len(numbers))
         if not numbers:
-            raise DataError(self._files.sweeps, "sweeps", "missing", "at least one <frame>.bin")
+            raise MissingError(self._files.sweeps, "sweeps", "missing", "at least one <frame>.bin")
         return numbers[: self._files.config.frames]
 
     @cached_property

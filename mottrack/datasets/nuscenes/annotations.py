@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.tables import (
     ROTATION,
@@ -59,10 +60,10 @@ def _categories(tables: Tables, number: dict[str, int]) -> NDArray[np.bytes_]:
     category_of = dict(zip(text_of(found["token"]), text_of(found["category_token"]), strict=True))
     for token in number:
         if token not in category_of:
-            raise DataError(tables.path("instance"), "record", "missing", f"instance {token}")
+            raise MissingError(tables.path("instance"), "record", "missing", f"instance {token}")
         if category_of[token] not in name_of:
             value = category_of[token]
-            raise DataError(tables.path("category"), "record", "missing", f"category {value}")
+            raise MissingError(tables.path("category"), "record", "missing", f"category {value}")
     return np.array([name_of[category_of[token]] for token in number], dtype=np.bytes_)
 
 

@@ -19,6 +19,7 @@ import orjson
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.datasets.faults import MissingError, OutOfOrderError, TruncatedError
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
 from mottrack.datasets.nuscenes.truth import yaw_of
@@ -56,7 +57,9 @@ class DetectionFile:
         for (token, _, start), end in zip(places, ends, strict=True):
             name = token.decode(errors="replace")
             if name in spans:
-                raise DataError(self._path, f"results[{name}]", "given twice", "each sample once")
+                raise OutOfOrderError(
+                    self._path, f"results[{name}]", "given twice", "each sample once"
+                )
             spans[name] = (start, end)
         return spans
 
@@ -82,7 +85,7 @@ class DetectionFile:
         if not all(present):
             token = sample_tokens[present.index(False)]
             expected = "every sample of the scene, with [] where nothing was found"
-            raise DataError(self._path, f"results[{token}]", "missing", expected)
+            raise MissingError(self._path, f"results[{token}]", "missing", expected)
         parts = [self._boxes(i, token) for i, token in enumerate(sample_tokens)]
         return DetectionTable.stacked(parts)
 
@@ -111,7 +114,9 @@ class DetectionFile:
             text = b"[" + file.read(end - start)
         rows = _first_value(text)
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-            raise DataError(self._path, f"results[{token}]", "not a list of boxes", "whole JSON")
+            raise TruncatedError(
+                self._path, f"results[{token}]", "not a list of boxes", "whole JSON"
+            )
         return rows
 
     def _column(self, where: str, rows: list[dict[str, Any]], kind: Kind) -> NDArray[Any]:

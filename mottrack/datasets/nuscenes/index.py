@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.datasets.faults import MissingError, OutOfOrderError
 from mottrack.datasets.nuscenes.annotations import box_columns
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.record import SceneRecord
@@ -63,7 +64,7 @@ def _samples(tables: Tables, scene_index: dict[str, int]) -> Samples:
     token = columns["token"][order]
     index = {name: place for place, name in enumerate(text_of(token))}
     if len(index) != len(token):
-        raise DataError(tables.path("sample"), "token", "repeated", "each token once")
+        raise OutOfOrderError(tables.path("sample"), "token", "repeated", "each token once")
     return Samples(token, scene[order], index)
 
 
@@ -85,7 +86,9 @@ def _sweeps(tables: Tables, sweeps: Columns, sample_token: NDArray[np.bytes_]) -
     repeated = np.flatnonzero(np.diff(sweeps["timestamp"]) <= 0)
     if repeated.size:
         stamp = int(sweeps["timestamp"][repeated[0]])
-        raise DataError(tables.path("sample_data"), "timestamp", f"{stamp} twice", "each once")
+        raise OutOfOrderError(
+            tables.path("sample_data"), "timestamp", f"{stamp} twice", "each once"
+        )
     return {
         "sweep_stamp_us": sweeps["timestamp"],
         "sweep_file": sweeps["filename"],
@@ -102,7 +105,7 @@ def _check_key_frames(
     wrong = np.flatnonzero(count != 1)
     if wrong.size:
         field = f"LIDAR_TOP key frames of sample {sample_token[wrong[0]].decode()}"
-        raise DataError(tables.path("sample_data"), field, int(count[wrong[0]]), "1")
+        raise MissingError(tables.path("sample_data"), field, int(count[wrong[0]]), "1")
     if not len(count):
         raise DataError(tables.path("sample"), "samples of a scene", 0, "at least one")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.errors import DataError
+from mottrack.datasets.faults import MissingError, NotRigidError
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.tables import (
     ROTATION,
@@ -50,7 +50,7 @@ def _lidar_mounts(tables: Tables) -> dict[str, NDArray[np.float64]]:
     sensors = tables.columns("sensor", (TOKEN, Kind("channel", text=True)))
     lidars = set(text_of(sensors["token"][sensors["channel"] == CHANNEL.encode()]))
     if not lidars:
-        raise DataError(tables.path("sensor"), "channel", "missing", CHANNEL)
+        raise MissingError(tables.path("sensor"), "channel", "missing", CHANNEL)
     kinds = (TOKEN, ROTATION, TRANSLATION)
     mounts = tables.columns("calibrated_sensor", kinds, Rows({"sensor_token": lidars}))
     _check_unit(tables, "calibrated_sensor", mounts)
@@ -67,7 +67,7 @@ def _ego_poses(tables: Tables, tokens: NDArray[np.bytes_]) -> NDArray[np.float64
     poses[looked_up(found["token"], wanted)] = np.hstack([found["rotation"], found["translation"]])
     for token, place in wanted.items():
         if np.isnan(poses[place, 0]):
-            raise DataError(tables.path("ego_pose"), "record", "missing", f"ego pose {token}")
+            raise MissingError(tables.path("ego_pose"), "record", "missing", f"ego pose {token}")
     return poses[looked_up(tokens, wanted)]
 
 
@@ -77,4 +77,4 @@ def _check_unit(tables: Tables, name: str, columns: Columns) -> None:
     if wrong.size:
         field = f"rotation of record {columns['token'][wrong[0]].decode()}"
         value = columns["rotation"][wrong[0]].tolist()
-        raise DataError(tables.path(name), field, value, "a unit quaternion")
+        raise NotRigidError(tables.path(name), field, value, "a unit quaternion")

@@ -130,7 +130,7 @@ def test_missing_things_are_named(kitti_root, tmp_path):
     with pytest.raises(DataError, match="inside the data root"):
         scene_of(kitti_root, detections="../elsewhere").frame(0)
     (kitti_root / "training/poses/0000.txt").unlink()
-    with pytest.raises(DataError, match=r"poses.0000\.txt: file is"):
+    with pytest.raises(DataError, match=r"poses.0000\.txt: file is missing"):
         scene_of(kitti_root)
 
 

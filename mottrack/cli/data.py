@@ -1,0 +1,66 @@
+"""``mottrack synth`` and ``mottrack check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXIT_FAULTS = 3
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands of this module."""
+    app.command("synth")(synth)
+    app.command("check")(check)
+
+
+def synth(
+    out: Annotated[Path, typer.Argument(help="new folder for the data set")],
+    *,
+    scenes: Annotated[int, typer.Option(min=1, help="number of scenes")] = 2,
+    format_name: Annotated[
+        str, typer.Option("--format", help="nuscenes, kitti or argoverse2")
+    ] = "nuscenes",
+    seed: Annotated[int, typer.Option(min=0, help="everything follows from it")] = 0,
+    duration_s: Annotated[
+        float, typer.Option("--duration", min=0.2, max=120.0, help="seconds a scene")
+    ] = 20.0,
+) -> None:
+    """Write the embedded world as a data set in a real format, with truth and detections."""
+    from mottrack.datasets.writers import FORMATS, write_synthetic
+
+    names = write_synthetic(out, format_name, scenes, seed=seed, duration_s=duration_s)
+    typer.echo(f"{out}: {len(names)} scenes in {format_name} format ({names[0]} .. {names[-1]})")
+    typer.echo(f"detections: {out / FORMATS[format_name].detections}")
+
+
+def check(
+    dataset: Annotated[Path, typer.Argument(help="folder of the data set")],
+    overrides: Annotated[
+        list[str] | None, typer.Argument(help="settings of the reader: key=value ...")
+    ] = None,
+    *,
+    format_name: Annotated[
+        str | None, typer.Option("--format", help="kind of data set; by default its layout tells")
+    ] = None,
+    every: Annotated[int, typer.Option(min=1, help="read only every so many-th sweep")] = 1,
+    workers: Annotated[int, typer.Option(min=0, help="processes; 0: one a core")] = 0,
+) -> None:
+    """Walk a data set and report what is missing, damaged or out of order; exit code 3 if any."""
+    from mottrack.datasets.check.report import report_lines
+    from mottrack.datasets.check.walk import Walk, check_dataset, kind_of_folder
+    from mottrack.pipeline.overrides import parse_override
+    from mottrack.pipeline.plugins import load_part
+
+    settings = {"kind": format_name or kind_of_folder(dataset), "root": str(dataset)}
+    for override in overrides or []:
+        key, values = parse_override(override)
+        settings[key.removeprefix("dataset.")] = values[0]
+    opened = load_part("dataset", settings).make()
+    result = check_dataset(opened, Walk(every=every, workers=workers))
+    for line in report_lines(result):
+        typer.echo(line)
+    if result.findings:
+        raise typer.Exit(EXIT_FAULTS)

@@ -1,0 +1,65 @@
+"""Telling what kind of data set a folder holds, and checking its scenes side by side."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from mottrack.core import ConfigError, Dataset, MottrackError
+from mottrack.datasets.check.findings import CheckResult, SceneCheck
+from mottrack.datasets.check.scene_check import check_scene
+
+MARKS = {
+    "nuscenes": "v1.0-*",
+    "kitti": "*/label_02",
+    "argoverse2": "*/*/city_SE3_egovehicle.feather",
+    "folder": "*/poses.csv",
+    "ros": "*.mcap",
+}
+"""A name that only a data set of this kind has."""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """How thoroughly to walk: every `every`-th sweep, in so many processes (0: one a core)."""
+
+    every: int = 1
+    workers: int = 0
+
+
+def check_dataset(dataset: Dataset, walk: Walk) -> CheckResult:
+    """Check every scene."""
+    names = dataset.scene_names
+    workers = min(walk.workers or os.cpu_count() or 1, len(names))
+    run = partial(_check_named, dataset, walk.every)
+    if workers == 1:
+        return CheckResult(dataset.name, tuple(map(run, names)))
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        return CheckResult(dataset.name, tuple(pool.map(run, names)))
+
+
+def _check_named(dataset: Dataset, every: int, name: str) -> SceneCheck:
+    try:
+        return check_scene(dataset.scene(name), every)
+    except MottrackError as error:
+        check = SceneCheck(name)
+        check.add_error(error)
+        return check
+
+
+def kind_of_folder(root: Path) -> str:
+    """Return the kind of data set that a folder holds, by its layout.
+
+    Raises:
+        ConfigError: it looks like none.
+    """
+    for kind, pattern in MARKS.items():
+        if next(root.glob(pattern), None) is not None:
+            return kind
+    raise ConfigError(
+        f"{root} looks like no known data set: name its --format ({', '.join(MARKS)})"
+    )
