@@ -57,15 +57,26 @@ def allot(born: NDArray[np.float32], count: int, key: np.uint64) -> Births:
 
     Systematic: a cell gets its exact share rounded up or down, by one random number for all.
     """
-    reached = np.cumsum(born.ravel(), dtype=np.float64)
-    total = reached[-1]
-    start = np.zeros(len(reached) + 1, np.int64)
-    if total <= 0:
-        return Births(start, 0.0)
-    start[1:] = np.floor(reached * (count / total) + uniform(key))
-    start[-1] = count
-    np.minimum(start, count, out=start)
-    return Births(start, float(total / count))
+    start = np.zeros(born.size + 1, np.int64)
+    total = _share_out(born.ravel(), count, uniform(key), start)
+    return Births(start, total / count)
+
+
+@njit(cache=True, nogil=True)
+def _share_out(
+    born: NDArray[np.float32], count: int, offset: float, start: NDArray[np.int64]
+) -> float:
+    """Fills `start` and returns the total mass; one after the other, so sums never differ."""
+    total = 0.0
+    for c in range(len(born)):
+        total += born[c]
+    if total <= 0.0:
+        return 0.0
+    reached = 0.0
+    for c in range(len(born)):
+        reached += born[c]
+        start[c + 1] = min(int(np.floor(reached / total * count + offset)), count)
+    return total
 
 
 def give_birth(

@@ -47,16 +47,30 @@ class View(NamedTuple):
     stamp_ns: int
 
 
+class _Cells(NamedTuple):
+    """K cells of the map, in world axes."""
+
+    occupied: NDArray[np.float32]
+    """(K,) occupied mass."""
+    measured: NDArray[np.bool_]
+    """(K,) whether the velocity means something: enough mass, enough of it persistent."""
+    moving: NDArray[np.bool_]
+    """(K,) measured cells at a Mahalanobis distance from rest."""
+    velocity_mps: NDArray[np.float64]
+    """(K, 2)."""
+    covariance_m2ps2: NDArray[np.float64]
+    """(K, 3) variance along x, covariance, variance along y; positive definite."""
+
+
 def is_moving(grid_map: GridMap, config: ReadoutConfig) -> NDArray[np.bool_]:
     """(rows, cols) occupied cells whose velocity v, with covariance S, differs from zero.
 
     The Mahalanobis test v^T S^-1 v > threshold: 9.2 is exceeded by one in a hundred at rest.
     """
-    vx, vy = np.moveaxis(grid_map.moments.velocity_mps, -1, 0)
-    xx, xy, yy = _covariance(grid_map, config)
-    distance = (yy * vx * vx - 2 * xy * vx * vy + xx * vy * vy) / (xx * yy - xy * xy)
-    moving: NDArray[np.bool_] = (distance > config.moving) & _measured(grid_map, config)
-    return moving
+    moving = np.zeros(grid_map.masses.occupied.size, np.bool_)
+    candidates = np.flatnonzero(grid_map.masses.occupied >= config.occupied)
+    moving[candidates] = _read(grid_map, candidates, config).moving
+    return moving.reshape(grid_map.window.shape)
 
 
 def flow_field(
@@ -69,24 +83,22 @@ def flow_field(
     mixture of those map cells. Means and covariances are turned into ego axes.
     """
     grid = view.grid
-    occupied = grid.occupancy(points.ego_m)
     ego_cell, map_cell = _pair_cells(grid_map, points, grid)
-    terms = _terms(grid_map, config)
-    sums = [np.bincount(ego_cell, term[map_cell], grid.shape[0] * grid.shape[1]) for term in terms]
-    number, mass, measured, *powers = (s.reshape(grid.shape) for s in sums)
-    valid = measured > 0
-    vx, vy, xx, xy, yy = (p / np.maximum(measured, 1) for p in powers)
-    mean = np.stack([vx, vy], axis=-1)
-    second = np.stack([xx, xy, xy, yy], axis=-1).reshape(*grid.shape, 2, 2)
-    covariance = second - mean[..., :, None] * mean[..., None, :]
+    hit, slot = np.unique(ego_cell, return_inverse=True)
+    terms = _terms(_read(grid_map, map_cell, config), config)
+    sums = np.stack([np.bincount(slot, term, len(hit)) for term in terms], axis=-1)
+    number, mass, measured = sums[:, :3].T
+    powers = sums[:, 3:] / np.maximum(measured, 1)[:, None]
+    mean = powers[:, :2]
+    covariance = powers[:, [2, 3, 3, 4]].reshape(-1, 2, 2) - mean[:, :, None] * mean[:, None]
     turn = rotation_2d(-view.yaw_rad)
     return FlowField(
         grid=grid,
-        velocity_mps=(mean @ turn.T).astype(np.float32),
-        covariance_m2ps2=(turn @ covariance @ turn.T).astype(np.float32),
-        occupied=occupied,
-        valid=valid,
-        weight=(mass / np.maximum(number, 1)).astype(np.float32),
+        velocity_mps=_spread(mean @ turn.T, hit, grid),
+        covariance_m2ps2=_spread(turn @ covariance @ turn.T, hit, grid),
+        occupied=grid.occupancy(points.ego_m),
+        valid=_spread(measured, hit, grid) > 0,
+        weight=_spread(mass / number, hit, grid),
         stamp_ns=view.stamp_ns,
     )
 
@@ -103,30 +115,35 @@ def _pair_cells(
     return (row * grid.shape[1] + col)[both], (map_row * window.cols + map_col)[both]
 
 
-def _terms(grid_map: GridMap, config: ReadoutConfig) -> list[NDArray[np.float64]]:
-    """What is summed over points: 1, m_occ, measured, and the first and second moments."""
-    xx, xy, yy = _covariance(grid_map, config)
-    measured = _measured(grid_map, config)
-    reported = is_moving(grid_map, config) if config.silence_static else measured
-    vx, vy = np.moveaxis(grid_map.moments.velocity_mps * reported[..., None], -1, 0)
-    moments = (vx, vy, xx + vx * vx, xy + vx * vy, yy + vy * vy)
-    one = np.ones(measured.shape)
-    terms = (one, grid_map.masses.occupied, measured, *(measured * m for m in moments))
-    return [np.asarray(term, np.float64).ravel() for term in terms]
+def _read(grid_map: GridMap, cell: NDArray[np.int64], config: ReadoutConfig) -> _Cells:
+    """The map at flat cells (K,)."""
+    occupied = grid_map.masses.occupied.ravel()[cell]
+    persistent = grid_map.split.persistent.ravel()[cell]
+    measured = (occupied >= config.occupied) & (persistent > 0)
+    measured &= persistent >= np.float32(config.persistent) * occupied
+    velocity = grid_map.moments.velocity_mps.reshape(-1, 2)[cell].astype(np.float64)
+    covariance = grid_map.moments.covariance_m2ps2.reshape(-1, 3)[cell].astype(np.float64)
+    covariance[:, [0, 2]] += config.least_deviation_mps**2
+    (vx, vy), (xx, xy, yy) = velocity.T, covariance.T
+    distance = (yy * vx * vx - 2 * xy * vx * vy + xx * vy * vy) / (xx * yy - xy * xy)
+    moving = measured & (distance > config.moving)
+    return _Cells(occupied, measured, moving, velocity, covariance)
 
 
-def _measured(grid_map: GridMap, config: ReadoutConfig) -> NDArray[np.bool_]:
-    """Cells whose velocity means something."""
-    occupied = grid_map.masses.occupied
-    persistent = grid_map.split.persistent
-    enough: NDArray[np.bool_] = occupied >= config.occupied
-    return enough & (persistent > 0) & (persistent >= np.float32(config.persistent) * occupied)
+def _terms(cells: _Cells, config: ReadoutConfig) -> list[NDArray[np.float64]]:
+    """What is summed over points: 1, m_occ, measured, first and second moments."""
+    reported = cells.moving if config.silence_static else cells.measured
+    vx, vy = (cells.velocity_mps * reported[:, None]).T
+    xx, xy, yy = cells.covariance_m2ps2.T * cells.measured
+    moments = [vx, vy, xx + vx * vx, xy + vx * vy, yy + vy * vy]
+    return [np.ones(len(vx)), cells.occupied.astype(float), cells.measured.astype(float), *moments]
 
 
-def _covariance(
-    grid_map: GridMap, config: ReadoutConfig
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Variance along x, covariance and variance along y, positive definite."""
-    xx, xy, yy = np.moveaxis(grid_map.moments.covariance_m2ps2.astype(np.float64), -1, 0)
-    floor = config.least_deviation_mps**2
-    return xx + floor, xy, yy + floor
+def _spread(
+    values: NDArray[np.float64], cell: NDArray[np.int64], grid: BevGrid
+) -> NDArray[np.float32]:
+    """(H, W, ...) grid with values (K, ...) at flat cells (K,) and zero elsewhere."""
+    height, width = grid.shape
+    full = np.zeros((height * width, *values.shape[1:]), np.float32)
+    full[cell] = values
+    return full.reshape(height, width, *values.shape[1:])

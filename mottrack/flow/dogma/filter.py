@@ -15,13 +15,12 @@ from mottrack.flow.dogma.measurement_grid import MeasurementGrid
 from mottrack.flow.dogma.moments import Moments, velocity_moments
 from mottrack.flow.dogma.noise import stream, uniform
 from mottrack.flow.dogma.occupancy import (
+    Carried,
     Masses,
     OccupancyConfig,
+    Rates,
     Split,
-    kept_over,
-    predict_masses,
-    split_masses,
-    update_masses,
+    update_occupancy,
 )
 from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.predict import Motion, MotionConfig, predict, survival_over
@@ -67,7 +66,7 @@ class DynamicGridFilter:
         self._spare = Particles.empty(config.particles)
         self._mass_each = 0.0
         self._window: Window | None = None
-        self._masses = Masses(np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32))
+        self._masses = Masses.unknown((0, 0))
         self._cycle = 0
 
     @property
@@ -90,12 +89,14 @@ class DynamicGridFilter:
         self._check(measured, window, dt_s)
         self._follow(window, dt_s)
         assignment = assign(self._particles, window, self._workers)
-        count = np.diff(assignment.start).reshape(window.shape).astype(np.float32)
-        weight = np.float32(survival_over(dt_s, self.config.motion) * self._mass_each)
-        kept = kept_over(dt_s, self.config.occupancy)
-        prior = predict_masses(count * weight, self._masses, kept)
-        posterior = update_masses(prior, measured)
-        split = split_masses(prior, posterior, self.config.occupancy)
+        weight = survival_over(dt_s, self.config.motion) * self._mass_each
+        posterior, split = update_occupancy(
+            Carried(assignment.start, weight),
+            self._masses,
+            measured,
+            Rates.over(dt_s, self.config.occupancy),
+            self._workers,
+        )
         births = allot(split.born, self.config.births, self._key(_ALLOT))
         velocity = VelocityPrior.of(self.config.birth, split.uncovered)
         born = give_birth(births, window, velocity, self._key(_BIRTH), self._workers)
@@ -121,8 +122,7 @@ class DynamicGridFilter:
         count = self.config.particles
         self._workers.run(predict, count, self._particles, motion, self._key(_PREDICT))
         if self._window is None:
-            nothing = np.zeros(window.shape, np.float32)
-            self._masses = Masses(nothing, nothing)
+            self._masses = Masses.unknown(window.shape)
         self._masses = Masses(*(moved(mass, (rows, cols)) for mass in self._masses))
         self._window = window
 

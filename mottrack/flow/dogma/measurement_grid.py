@@ -15,8 +15,8 @@ from mottrack.flow.dogma.returns import OBSTACLE, Returns
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Span, Workers
 
-_PARTS = 6
-"""A return counts as six sixths, spread 1:4:1 by Gauss-Hermite quadrature of its range error."""
+_MOST_SIXTHS = 60
+"""Ten returns of a cell leave next to nothing unknown."""
 
 
 class SensorConfig(StrictModel):
@@ -27,7 +27,7 @@ class SensorConfig(StrictModel):
     range_noise_m: float = Field(0.05, ge=0, description="standard deviation of a return's range")
     free_mass_near: float = Field(0.85, ge=0, lt=1, description="evidence of free space at 0 m")
     free_mass_far: float = Field(
-        0.0, ge=0, lt=1, description="... at `max_range_m`, linear between"
+        0.3, ge=0, lt=1, description="... at `max_range_m`, linear between"
     )
     max_range_m: float = Field(70.0, gt=0, description="nothing is known to be free farther away")
     no_return_free_m: float = Field(
@@ -47,11 +47,17 @@ class MeasurementGrid(NamedTuple):
     """(rows, cols) z_free."""
 
 
-class _Fall(NamedTuple):
-    """Free mass over range, as the kernel takes it."""
+class _Beams(NamedTuple):
+    """What the kernel needs to know of the sensor."""
 
+    centre_m: NDArray[np.float32]
+    """(2,) the optical centre, from the window's corner."""
+    unknown: NDArray[np.float32]
+    """(K,) mass that k sixths of returns leave unknown; more than K - 1 leave as little."""
     near: float
+    """Free mass at no distance."""
     far: float
+    """Free mass at the greatest range."""
     max_range_m: float
 
 
@@ -65,14 +71,19 @@ def measure(
     """
     blind = Blind(config.widest_gap_rad, config.no_return_free_m)
     view = polar_view(returns.xy_m, returns.kind, config.azimuth_bins, blind)
-    centre_m = (returns.centre_m - window.corner_m).astype(np.float32)
+    beams = _Beams(
+        (returns.centre_m - window.corner_m).astype(np.float32),
+        np.float32(1 - config.occupied_mass) ** (np.arange(_MOST_SIXTHS + 1) / np.float32(6)),
+        config.free_mass_near,
+        config.free_mass_far,
+        config.max_range_m,
+    )
     hits = np.zeros(window.shape, np.int32)
-    _count_hits(returns, window, centre_m, np.float32(config.range_noise_m * np.sqrt(3)), hits)
-    missed = np.float32(1 - config.occupied_mass) ** (hits * np.float32(1 / _PARTS))
-    free = np.zeros(window.shape, np.float32)
-    fall = _Fall(config.free_mass_near, config.free_mass_far, config.max_range_m)
-    workers.run(_free_mass, window.rows, view, window, (centre_m, fall), free)
-    return MeasurementGrid(1 - missed, missed * free)
+    spread_m = np.float32(config.range_noise_m * np.sqrt(3))
+    _count_hits(returns, window, beams.centre_m, spread_m, hits)
+    measured = MeasurementGrid(*(np.zeros(window.shape, np.float32) for _ in range(2)))
+    workers.run(_masses, window.rows, (view, beams), window, hits, measured)
+    return measured
 
 
 @njit(cache=True, nogil=True)
@@ -80,16 +91,16 @@ def _count_hits(
     returns: Returns,
     window: Window,
     centre_m: NDArray[np.float32],
-    step_m: np.float32,
+    spread_m: np.float32,
     hits: NDArray[np.int32],
 ) -> None:
-    """Sixths of returns per cell: 4 where a return lies, 1 a quadrature step nearer and farther."""
+    """Sixths of returns per cell: the range error of each by Gauss-Hermite quadrature, 1:4:1."""
     per_m = np.float32(1.0 / window.cell_m)
     for i in range(len(returns.kind)):
         if returns.kind[i] != OBSTACLE:
             continue
         x_m, y_m = returns.xy_m[i, 0], returns.xy_m[i, 1]
-        step = step_m / max(np.sqrt(x_m * x_m + y_m * y_m), step_m)
+        step = spread_m / max(np.sqrt(x_m * x_m + y_m * y_m), spread_m)
         for side in range(-1, 2):
             stretch = np.float32(1) + side * step
             col = int(np.floor((centre_m[0] + x_m * stretch) * per_m))
@@ -99,30 +110,37 @@ def _count_hits(
 
 
 @njit(cache=True, nogil=True)
-def _free_mass(
+def _masses(
     rows: Span,
-    view: PolarView,
+    sensor: tuple[PolarView, _Beams],
     window: Window,
-    sensor: tuple[NDArray[np.float32], _Fall],
-    free: NDArray[np.float32],
+    hits: NDArray[np.int32],
+    measured: MeasurementGrid,
 ) -> None:
-    """A cell is free when every direction that crosses it is seen free to its far side."""
-    centre_m, fall = sensor
+    view, beams = sensor
+    most = len(beams.unknown) - 1
+    for row in range(rows[0], rows[1]):
+        y_m = (row + 0.5) * window.cell_m - beams.centre_m[1]
+        for col in range(window.cols):
+            x_m = (col + 0.5) * window.cell_m - beams.centre_m[0]
+            unknown = beams.unknown[min(hits[row, col], most)]
+            measured.occupied[row, col] = 1 - unknown
+            range_m = np.sqrt(x_m * x_m + y_m * y_m)
+            if range_m < beams.max_range_m and _seen_free(x_m, y_m, window.cell_m, view):
+                fall = (beams.far - beams.near) * range_m / beams.max_range_m
+                measured.free[row, col] = unknown * (beams.near + fall)
+
+
+@njit(cache=True, nogil=True)
+def _seen_free(x_m: float, y_m: float, cell_m: float, view: PolarView) -> bool:
+    """Whether every direction that crosses the cell is free to the cell's far side."""
     bins = len(view.reach_m)
     per_rad = bins / (2 * np.pi)
-    half_m = 0.5 * window.cell_m
-    for row in range(rows[0], rows[1]):
-        y_m = (row + 0.5) * window.cell_m - centre_m[1]
-        for col in range(window.cols):
-            x_m = (col + 0.5) * window.cell_m - centre_m[0]
-            range_m = np.sqrt(x_m * x_m + y_m * y_m)
-            if range_m >= fall.max_range_m:
-                continue
-            middle = (np.arctan2(y_m, x_m) + np.pi) * per_rad
-            half = min(half_m / max(range_m, half_m) * per_rad, 0.5 * bins)
-            reach_m = range_m + half_m
-            seen = True
-            for b in range(int(np.floor(middle - half)), int(np.floor(middle + half)) + 1):
-                seen = seen and view.reach_m[b % bins] >= reach_m
-            if seen:
-                free[row, col] = fall.near + (fall.far - fall.near) * range_m / fall.max_range_m
+    half_m = 0.5 * cell_m
+    range_m = np.sqrt(x_m * x_m + y_m * y_m)
+    middle = (np.arctan2(y_m, x_m) + np.pi) * per_rad
+    half = min(half_m / max(range_m, half_m) * per_rad, 0.5 * bins)
+    for b in range(int(np.floor(middle - half)), int(np.floor(middle + half)) + 1):
+        if view.reach_m[b % bins] < range_m + half_m:
+            return False
+    return True

@@ -5,18 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.flow.dogma.measurement_grid import MeasurementGrid
 from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
+from mottrack.flow.dogma.workers import Span, Workers
 
 Grid = NDArray[np.float32]
 """(rows, cols) one number a cell."""
-
-
-_TINY = np.float32(1e-9)
 
 
 class OccupancyConfig(StrictModel):
@@ -31,20 +30,40 @@ class OccupancyConfig(StrictModel):
     )
 
 
+class Rates(NamedTuple):
+    """`OccupancyConfig` over one prediction, as the kernel takes it."""
+
+    kept: float
+    """Share alpha(dt) of the free mass."""
+    birth: float
+    birth_unseen: float
+
+    @classmethod
+    def over(cls, dt_s: float, config: OccupancyConfig) -> Rates:
+        """What is kept fades exponentially."""
+        kept = float(config.remember ** (dt_s / REFERENCE_PERIOD_S))
+        return cls(kept, config.birth, config.birth_unseen)
+
+
+class Carried(NamedTuple):
+    """Occupied mass that the particles bring along."""
+
+    start: NDArray[np.int32]
+    """(cells + 1,) cell c holds `start[c + 1] - start[c]` particles."""
+    weight: float
+    """Mass of each after survival."""
+
+
 class Masses(NamedTuple):
     """Dempster-Shafer masses of the hypotheses occupied and free; the rest is unknown."""
 
     occupied: Grid
     free: Grid
 
-
-class Prior(NamedTuple):
-    """Predicted masses; what is neither occupied nor free is unknown."""
-
-    occupied: Grid
-    free: Grid
-    unseen: Grid
-    """The part of the unknown mass that was unknown before; from the rest something has left."""
+    @classmethod
+    def unknown(cls, shape: tuple[int, int]) -> Masses:
+        """Nothing is known of any cell."""
+        return cls(np.zeros(shape, np.float32), np.zeros(shape, np.float32))
 
 
 class Split(NamedTuple):
@@ -57,47 +76,94 @@ class Split(NamedTuple):
     uncovered: Grid
     """Share of the born mass that came into view; the rest moved into the cell."""
 
+    @classmethod
+    def nothing(cls, shape: tuple[int, int]) -> Split:
+        """No mass anywhere."""
+        return cls(*(np.zeros(shape, np.float32) for _ in range(3)))
 
-def kept_over(dt_s: float, config: OccupancyConfig) -> float:
-    """Share alpha(dt) of what was known that is kept over `dt_s`."""
-    return float(config.remember ** (dt_s / REFERENCE_PERIOD_S))
+
+def update_occupancy(
+    carried: Carried, before: Masses, measured: MeasurementGrid, rates: Rates, workers: Workers
+) -> tuple[Masses, Split]:
+    """Predicts every cell, combines it with the measurement and splits what is occupied."""
+    shape = measured.occupied.shape
+    after, split = Masses.unknown(shape), Split.nothing(shape)
+    workers.run(_update, shape[0], (carried, rates), before, measured, (after, split))
+    return after, split
 
 
-def predict_masses(carried: Grid, before: Masses, kept: float) -> Prior:
-    """Occupied mass is what the particles carry (rows, cols), at most one; free mass fades.
+@njit(cache=True, nogil=True)
+def _update(
+    rows: Span,
+    prediction: tuple[Carried, Rates],
+    before: Masses,
+    measured: MeasurementGrid,
+    result: tuple[Masses, Split],
+) -> None:
+    carried, rates = prediction
+    after, split = result
+    cols = before.free.shape[1]
+    for row in range(rows[0], rows[1]):
+        for col in range(cols):
+            cell = row * cols + col
+            mass = (carried.start[cell + 1] - carried.start[cell]) * carried.weight
+            known = (before.occupied[row, col], before.free[row, col])
+            evidence = (measured.occupied[row, col], measured.free[row, col])
+            prior = predict_cell(mass, known, rates)
+            occupied, free = combine(prior, evidence)
+            persistent, born, uncovered = split_cell(prior, occupied, rates)
+            after.occupied[row, col], after.free[row, col] = occupied, free
+            split.persistent[row, col], split.born[row, col] = persistent, born
+            split.uncovered[row, col] = uncovered
 
-    The paper's m_occ- = min(sum w, 1) and m_free- = min(alpha m_free, 1 - m_occ-).
+
+@njit(cache=True, nogil=True)
+def predict_cell(
+    carried: float, before: tuple[float, float], rates: Rates
+) -> tuple[float, float, float]:
+    """Predicted masses: occupied, free, and unseen.
+
+    The paper's m_occ- = min(sum w, 1) and m_free- = min(alpha m_free, 1 - m_occ-). Unseen is the
+    part of the unknown mass that was unknown before, too; from the rest something has left.
     """
-    occupied = np.minimum(carried, np.float32(1))
-    free = np.minimum(before.free * np.float32(kept), 1 - occupied)
-    unseen = np.minimum(1 - before.occupied - before.free, 1 - occupied - free)
-    return Prior(occupied, free, np.maximum(unseen, 0))
+    occupied = min(carried, 1.0)
+    free = min(rates.kept * before[1], 1.0 - occupied)
+    unseen = min(1.0 - before[0] - before[1], 1.0 - occupied - free)
+    return occupied, free, max(unseen, 0.0)
 
 
-def update_masses(prior: Prior, measured: MeasurementGrid) -> Masses:
-    """Dempster's rule of combination on the frame {occupied, free}.
+@njit(cache=True, nogil=True)
+def combine(
+    prior: tuple[float, float, float], evidence: tuple[float, float]
+) -> tuple[float, float]:
+    """Dempster's rule of combination on the frame {occupied, free}: occupied and free.
 
     With K the mass on which the two contradict each other, m_occ = (m_occ- (1 - z_free)
     + (1 - m_occ- - m_free-) z_occ) / (1 - K), and the same for free.
     """
-    conflict = prior.free * measured.occupied + prior.occupied * measured.free
-    unknown = 1 - prior.occupied - prior.free
-    agreed = 1 - conflict
-    occupied = (prior.occupied * (1 - measured.free) + unknown * measured.occupied) / agreed
-    free = (prior.free * (1 - measured.occupied) + unknown * measured.free) / agreed
-    occupied = np.clip(occupied, 0, 1)
-    return Masses(occupied, np.clip(free, 0, 1 - occupied))
+    occupied, free, _ = prior
+    z_occupied, z_free = evidence
+    unknown = 1.0 - occupied - free
+    agreed = 1.0 - free * z_occupied - occupied * z_free
+    after = min(max((occupied * (1.0 - z_free) + unknown * z_occupied) / agreed, 0.0), 1.0)
+    cleared = (free * (1.0 - z_occupied) + unknown * z_free) / agreed
+    return after, min(max(cleared, 0.0), 1.0 - after)
 
 
-def split_masses(prior: Prior, posterior: Masses, config: OccupancyConfig) -> Split:
-    """Born mass rho_b = m_occ a / (m_occ- + a), where a is the mass that may have appeared.
+@njit(cache=True, nogil=True)
+def split_cell(
+    prior: tuple[float, float, float], occupied: float, rates: Rates
+) -> tuple[float, float, float]:
+    """Persistent mass, born mass rho_b = m_occ a / (m_occ- + a), and what of `a` was uncovered.
 
     The paper takes a = p_B (1 - m_occ-). Here unseen mass has a probability of its own: what
     appears where something else was known must have moved there, but what comes into view is no
     evidence of motion, or the rim of the view would seem to move with the vehicle.
     """
-    arrived = np.float32(config.birth) * (1 - prior.occupied - prior.unseen)
-    uncovered = np.float32(config.birth_unseen) * prior.unseen
-    appearing = np.maximum(arrived + uncovered, _TINY)
-    born = posterior.occupied * (appearing / (prior.occupied + appearing))
-    return Split(posterior.occupied - born, born, uncovered / appearing)
+    before, _, unseen = prior
+    uncovered = rates.birth_unseen * unseen
+    appearing = rates.birth * (1.0 - before - unseen) + uncovered
+    if appearing <= 0.0:
+        return occupied, 0.0, 0.0
+    born = occupied * appearing / (before + appearing)
+    return occupied - born, born, uncovered / appearing

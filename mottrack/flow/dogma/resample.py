@@ -39,7 +39,7 @@ def resample(
     its born mass, and comb teeth of equal spacing, the first at `offset` in [0, 1) of it, pick the
     particles. Without any mass `chosen` is left as it is and weighs nothing.
     """
-    begin = _layout(persistent, candidates.births)
+    begin = _layout(persistent.ravel(), candidates.births)
     spacing = float(begin[-1]) / len(chosen.x_m)
     if spacing > 0:
         comb = (spacing, min(max(offset, _ROUNDING), 1 - _ROUNDING))
@@ -47,12 +47,17 @@ def resample(
     return spacing
 
 
+@njit(cache=True, nogil=True)
 def _layout(persistent: NDArray[np.float32], births: Births) -> NDArray[np.float64]:
     """(2 cells + 1,) where the persistent and the born mass of each cell begin, in turn."""
-    mass = np.empty((persistent.size, 2))
-    mass[:, 0] = persistent.ravel()
-    mass[:, 1] = np.diff(births.start) * births.mass_each
-    return np.concatenate([[0.0], np.cumsum(mass)])
+    cells = len(persistent)
+    begin = np.empty(2 * cells + 1)
+    begin[0] = 0.0
+    for c in range(cells):
+        born = (births.start[c + 1] - births.start[c]) * births.mass_each
+        begin[2 * c + 1] = begin[2 * c] + persistent[c]
+        begin[2 * c + 2] = begin[2 * c + 1] + born
+    return begin
 
 
 @njit(cache=True, nogil=True)
