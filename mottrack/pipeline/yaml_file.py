@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from mottrack.core.errors import DataError
 MAX_BYTES = 1 << 20
 MAX_ALIASES = 50
 MAX_DEPTH = 20
+_EXPONENTIAL = re.compile(r"[-+]?\d+(\.\d*)?e[-+]?\d+", re.IGNORECASE)
 
 
 class _StrictLoader(yaml.SafeLoader):
@@ -84,7 +86,9 @@ def parse_scalar(text: str) -> Any:
     """
     if text.lower() in {"on", "off", "yes", "no"}:
         return text
+    if _EXPONENTIAL.fullmatch(text):
+        return float(text)
     try:
-        return float(text) if "e" in text.lower() else yaml.load(text, Loader=_StrictLoader)  # noqa: S506
-    except (ValueError, yaml.YAMLError):
+        return yaml.load(text, Loader=_StrictLoader)  # noqa: S506
+    except yaml.YAMLError:
         return text
