@@ -13,15 +13,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mottrack.flow.matcher import Labels, Matcher
-from mottrack.flow.verdict import Judged, VerdictConfig
+from mottrack.flow.verdict import Judged, VerdictConfig, noise_floor
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, nearest
 
 _NEAR_M = 1.5
 """Farthest gap between a piece and the rest of its vehicle."""
 _SMALL = 40
 """Points above which a component has a motion of its own."""
-_BETTER = 0.85
-"""Cost of the neighbour's shift over the cost of rest, at most."""
+_AT_REST_M = 0.05
+"""A piece that rest explains this close to the floor stays at rest, whoever passes by."""
 
 
 def follow_neighbours(matcher: Matcher, judged: Judged, config: VerdictConfig) -> Judged:
@@ -45,7 +45,9 @@ def follow_neighbours(matcher: Matcher, judged: Judged, config: VerdictConfig) -
     led_m = judged.matches.shift_m[leader_of]
     pieces = Labels(np.where(near[of_point] & (of_point >= 0), of_point, -1), judged.labels.count)
     cost_m = matcher.costs(pieces, led_m)
-    joins = near & (cost_m < _BETTER * judged.matches.rest_cost_m)
+    rest_m = judged.matches.rest_cost_m
+    unexplained = rest_m > noise_floor(judged.matches, config) + _AT_REST_M
+    joins = near & unexplained & (cost_m <= rest_m)
     matches = replace(
         judged.matches,
         shift_m=np.where(joins[:, None], led_m, judged.matches.shift_m),
