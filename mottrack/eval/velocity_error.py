@@ -113,7 +113,9 @@ def match_by_overlap(result: SceneResult, significant_overlap: float) -> I64:
         near = _near(candidates[tracks.frame[row]], shape, truth.centre_m[:, :2], reach)
         matched[row] = _object_of(shape, near, corners, significant_overlap)
     has = matched != NO_OBJECT
-    matched[has] = np.where(truth.interpolated[matched[has]], LEFT_OUT, matched[has])
+    # nobody annotated an interpolated box, and a NaN says that the labels tell no velocity
+    untold = truth.interpolated | np.isnan(truth.velocity_mps).any(axis=1)
+    matched[has] = np.where(untold[matched[has]], LEFT_OUT, matched[has])
     return matched
 
 
