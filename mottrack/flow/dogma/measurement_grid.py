@@ -73,7 +73,7 @@ def measure(
     view = polar_view(returns.xy_m, returns.kind, config.azimuth_bins, blind)
     beams = _Beams(
         (returns.centre_m - window.corner_m).astype(np.float32),
-        np.float32(1 - config.occupied_mass) ** (np.arange(_MOST_SIXTHS + 1) / np.float32(6)),
+        ((1 - config.occupied_mass) ** (np.arange(_MOST_SIXTHS + 1) / 6)).astype(np.float32),
         config.free_mass_near,
         config.free_mass_far,
         config.max_range_m,
@@ -135,12 +135,16 @@ def _masses(
 def _seen_free(x_m: float, y_m: float, cell_m: float, view: PolarView) -> bool:
     """Whether every direction that crosses the cell is free to the cell's far side."""
     bins = len(view.reach_m)
-    per_rad = bins / (2 * np.pi)
-    half_m = 0.5 * cell_m
-    range_m = np.sqrt(x_m * x_m + y_m * y_m)
-    middle = (np.arctan2(y_m, x_m) + np.pi) * per_rad
-    half = min(half_m / max(range_m, half_m) * per_rad, 0.5 * bins)
-    for b in range(int(np.floor(middle - half)), int(np.floor(middle + half)) + 1):
-        if view.reach_m[b % bins] < range_m + half_m:
+    per_rad = np.float32(bins / (2 * np.pi))
+    half_m = np.float32(0.5 * cell_m)
+    range_m = np.float32(np.sqrt(x_m * x_m + y_m * y_m))
+    middle = (np.arctan2(np.float32(y_m), np.float32(x_m)) + np.float32(np.pi)) * per_rad
+    half = min(half_m / max(range_m, half_m) * per_rad, np.float32(0.5 * bins))
+    first = int(np.floor(middle - half))
+    b = first + bins if first < 0 else first
+    for _ in range(int(np.floor(middle + half)) - first + 1):
+        b = b - bins if b >= bins else b
+        if view.reach_m[b] < range_m + half_m:
             return False
+        b += 1
     return True

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mottrack.flow.dogma.returns import GROUND, OBSTACLE
+from mottrack.flow.dogma.returns import GROUND, OBSTACLE, OWN
 
 
 class PolarView(NamedTuple):
@@ -34,7 +34,7 @@ def polar_view(
 ) -> PolarView:
     """The first obstacle of each direction ends its free reach; else the farthest ground point.
 
-    `xy_m` (N, 2) are relative to the optical centre, `kind` (N,) is GROUND, OBSTACLE or OVERHEAD.
+    `xy_m` (N, 2) are relative to the optical centre, `kind` (N,) says what they are.
     Where a direction inside the field of view shows neither, it is free as far as `blind` says.
     """
     first_m, ground_m, hit = _extremes(xy_m, kind, bins)
@@ -67,6 +67,8 @@ def _extremes(
     hit = np.zeros(bins, np.bool_)
     per_rad = np.float32(bins / (2 * np.pi))
     for i in range(len(xy_m)):
+        if kind[i] == OWN:
+            continue
         x_m, y_m = xy_m[i, 0], xy_m[i, 1]
         turned = (np.arctan2(y_m, x_m) + np.float32(np.pi)) * per_rad
         b = min(int(turned), bins - 1)

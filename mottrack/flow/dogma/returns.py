@@ -11,8 +11,9 @@ from mottrack.core.sweep import Sweep
 from mottrack.flow.kept_points import GroundStage
 from mottrack.lidar.ground import find_ground
 
-GROUND, OBSTACLE, OVERHEAD = np.uint8(0), np.uint8(1), np.uint8(2)
-"""What a point was reflected by. Overhead points only show that the sensor looks that way."""
+GROUND, OBSTACLE, OVERHEAD, OWN = (np.uint8(kind) for kind in range(4))
+"""What a point was reflected by. Overhead points only show that the sensor looks that way; points
+of the own vehicle show nothing."""
 
 
 class Returns(NamedTuple):
@@ -21,29 +22,29 @@ class Returns(NamedTuple):
     xy_m: NDArray[np.float32]
     """(N, 2) along the world's axes, from the optical centre."""
     kind: NDArray[np.uint8]
-    """(N,) GROUND, OBSTACLE or OVERHEAD."""
+    """(N,) GROUND, OBSTACLE, OVERHEAD or OWN."""
     centre_m: NDArray[np.float64]
     """(2,) the optical centre in the world."""
 
 
-def returns_of(sweep: Sweep, stage: GroundStage) -> tuple[Returns, NDArray[np.bool_]]:
-    """The returns of a sweep, and which of its points they are (boolean mask).
-
-    Points between the stage's two heights are obstacles, lower ones ground, higher ones overhead.
-    """
-    x_m, y_m = sweep.xyz_m[:, 0], sweep.xyz_m[:, 1]
-    used = x_m * x_m + y_m * y_m > stage.min_range_m**2
-    offset_m = sweep.xyz_m[used] - sweep.origin_m.astype(np.float32)
+def returns_of(sweep: Sweep, stage: GroundStage) -> Returns:
+    """The points between the stage's two heights are obstacles, lower ones are ground."""
     pose = sweep.world_T_ego
-    xy_m = offset_m @ pose.rotation[:2].T.astype(np.float32)
-    centre_m = pose.apply(sweep.origin_m[None])[0, :2]
-    return Returns(np.ascontiguousarray(xy_m), _kinds(sweep.xyz_m[used], stage), centre_m), used
+    x_m, y_m, z_m = (sweep.xyz_m - sweep.origin_m.astype(np.float32)).T
+    xy_m = np.empty((len(sweep), 2), np.float32)
+    for axis in range(2):
+        # column by column: a product with so thin a matrix would wake the threads of BLAS
+        to_x, to_y, to_z = pose.rotation[axis].astype(np.float32)
+        xy_m[:, axis] = x_m * to_x + y_m * to_y + z_m * to_z
+    return Returns(xy_m, _kinds(sweep.xyz_m, stage), pose.apply(sweep.origin_m[None])[0, :2])
 
 
 def _kinds(xyz_m: NDArray[np.float32], stage: GroundStage) -> NDArray[np.uint8]:
-    """GROUND, OBSTACLE or OVERHEAD for points (N, 3) in the ego frame."""
-    if len(xyz_m) == 0 or not stage.enabled:
-        return np.full(len(xyz_m), OBSTACLE)
-    height_m = find_ground(xyz_m, stage.find).height_m
-    above = np.where(height_m < stage.max_height_m, OBSTACLE, OVERHEAD)
-    return np.where(height_m > stage.min_height_m, above, GROUND)
+    """What each point (N, 3) of the ego frame was reflected by."""
+    kind = np.full(len(xyz_m), OBSTACLE)
+    if len(xyz_m) and stage.enabled:
+        height_m = find_ground(xyz_m, stage.find).height_m
+        kind[height_m >= stage.max_height_m] = OVERHEAD
+        kind[height_m <= stage.min_height_m] = GROUND
+    kind[xyz_m[:, 0] ** 2 + xyz_m[:, 1] ** 2 <= stage.min_range_m**2] = OWN
+    return kind

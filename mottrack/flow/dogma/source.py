@@ -94,14 +94,14 @@ class DogmaFlow:
     def _take_in(self, sweep: Sweep) -> FlowField:
         """One cycle: sweep -> returns -> measurement grid -> filter -> flow field."""
         dt_s = self._elapsed_s(sweep)
-        returns, used = returns_of(sweep, self.config.ground)
+        returns = returns_of(sweep, self.config.ground)
         window = self._window(sweep)
         measured = measure(returns, window, self.config.sensor, self._workers)
         self._map = self._filter.step(measured, window, dt_s)
         self._last = sweep
         obstacle = returns.kind == OBSTACLE
         points = ObstaclePoints(
-            ego_m=sweep.xyz_m[used][obstacle, :2],
+            ego_m=sweep.xyz_m[obstacle, :2],
             window_m=returns.xy_m[obstacle] + (returns.centre_m - window.corner_m),
         )
         view = View(self.grid, sweep.world_T_ego.yaw_rad, sweep.stamp_ns)
