@@ -78,7 +78,7 @@ class Scene(Protocol):
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """Labels that detections and truth may carry."""
+        """Labels that detectors report and scores count; truth may carry others."""
         ...
 
     @property

@@ -43,6 +43,8 @@ class SceneResult:
     """(sum of tracks.hull_corners, 2) hull corners of all tracks, one after the other."""
     timings_s: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     """Per stage (T,) seconds spent on each frame."""
+    classes: tuple[str, ...] = ()
+    """Labels that scores count; empty: every label that occurs."""
 
     def __post_init__(self) -> None:
         hull = as_array("hull_xy_m", self.hull_xy_m, np.float64, (None, 2))
@@ -66,6 +68,7 @@ class SceneResult:
         arrays: dict[str, NDArray[np.generic]] = {
             "format": np.array(FORMAT),
             "name": np.array(self.name),
+            "classes": np.array(self.classes, dtype=np.str_),
             "hull_xy_m": self.hull_xy_m,
         }
         for prefix, kind in TABLES.items():
@@ -88,6 +91,11 @@ class SceneResult:
                 prefix: kind(**{c: arrays[f"{prefix}.{c}"] for c in kind.COLUMNS})
                 for prefix, kind in TABLES.items()
             }
-            return cls(str(arrays["name"]), hull_xy_m=arrays["hull_xy_m"], **tables)  # type: ignore[arg-type]
+            return cls(
+                str(arrays["name"]),
+                hull_xy_m=arrays["hull_xy_m"],
+                classes=tuple(arrays["classes"].tolist()),
+                **tables,  # type: ignore[arg-type]
+            )
         except KeyError as error:
             raise ResultError(path, "content", f"without {error}", "every column") from error

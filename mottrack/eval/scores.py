@@ -5,10 +5,11 @@ come from one search for candidate pairs per scene and class.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
@@ -16,6 +17,8 @@ from mottrack.core import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
+from mottrack.eval.nuscenes.from_results import result_metrics, rules_for
+from mottrack.eval.nuscenes.levels import Curves
 from mottrack.eval.pairs import Pairs, Side, centre_distance, find_pairs
 from mottrack.eval.velocity_error import (
     ErrorRow,
@@ -24,6 +27,7 @@ from mottrack.eval.velocity_error import (
     velocity_table,
 )
 
+ROUNDING = 1e-9  # a threshold is the mean score of some track, added up in another order
 BoxTable = TypeVar("BoxTable", TruthTable, TrackTable)
 
 
@@ -34,22 +38,32 @@ class ScoreConfig(StrictModel):
         default=2.0, gt=0, description="centres nearer than this can match"
     )
     class_agnostic: bool = Field(default=False, description="match boxes of any class (clusters)")
-    min_score: float = Field(default=0.0, description="tracks below this score are left out")
+    min_score: float | None = Field(
+        default=None,
+        description="tracks of a lower mean score are left out; null: per class what gives the "
+        "best MOTA, as the official evaluation reports it",
+    )
     velocity: VelocityErrorConfig = VelocityErrorConfig()
 
 
 @dataclass(frozen=True, slots=True)
 class ClassScores:
-    """Counts of one class, or of all classes together."""
+    """Figures of one class, or of all classes together."""
 
     clear: clear.ClearCounts
     identity: identity.IdentityCounts
     hota: hota.HotaCounts
+    amota: float = float("nan")
+    """Official AMOTA; NaN where classes are not told apart."""
+    amotp_m: float = float("nan")
+    """Official AMOTP, metres."""
 
     def as_dict(self) -> dict[str, float]:
         """The figures with their unit in the name; MOTP is a mean distance in metres."""
         counts = self.clear
         return {
+            "amota": self.amota,
+            "amotp_m": self.amotp_m,
             "mota": counts.mota,
             "motp_m": counts.motp,
             "recall": counts.recall,
@@ -92,41 +106,98 @@ class Scores:
 
 
 def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> Scores:
-    """Scores of the scenes together."""
+    """Scores of the scenes together.
+
+    Truth counts from the first to the last frame in which its object has a LiDAR return. Where no
+    track carries a class of the truth (clusters), classes are not told apart.
+    """
     config = config or ScoreConfig()
-    labels = [""] if config.class_agnostic else _labels(results)
-    classes = {label: _class_scores(results, label, config) for label in labels}
+    labels = _labels(results)
+    if config.class_agnostic or not any(np.isin(r.tracks.label, labels).any() for r in results):
+        return _scores(results, _class_scores(results, "", -np.inf, config), {}, config)
+    figures = result_metrics(results, rules_for(labels))
+    classes = {}
+    for label in labels:
+        threshold = _threshold(figures.curves[label], config)
+        counted = _class_scores(results, label, threshold, config)
+        official = figures.classes[label]
+        classes[label] = replace(counted, amota=official["amota"], amotp_m=official["amotp"])
+    total = replace(
+        _together(classes.values()),
+        amota=figures.total["amota"],
+        amotp_m=figures.total["amotp"],
+    )
+    return _scores(results, total, classes, config)
+
+
+def _scores(
+    results: Sequence[SceneResult],
+    overall: ClassScores,
+    classes: dict[str, ClassScores],
+    config: ScoreConfig,
+) -> Scores:
     flow = [result.flow for result in results if len(result.flow)]
     samples = [velocity_samples(result, config.velocity) for result in results]
-    return Scores(
-        overall=_together(classes.values()),
-        classes={} if config.class_agnostic else classes,
-        velocity=velocity_table(samples, config.velocity),
-        flow=flow_table(flow) if flow else {},
-    )
+    velocity = velocity_table(samples, config.velocity)
+    return Scores(overall, classes, velocity, flow_table(flow) if flow else {})
 
 
 def _labels(results: Iterable[SceneResult]) -> list[str]:
-    """The classes in truth or tracks, in alphabetical order."""
-    named = [np.unique(t.label) for result in results for t in (result.truth, result.tracks)]
-    return sorted({str(name) for names in named for name in names})
+    """The classes that count: those of the data set, else those in truth or tracks; in order."""
+    listed = list(results)
+    declared = {name for result in listed for name in result.classes}
+    found = {str(n) for r in listed for t in (r.truth, r.tracks) for n in np.unique(t.label)}
+    return sorted(declared & found if declared else found)
 
 
-def _class_scores(results: Iterable[SceneResult], label: str, config: ScoreConfig) -> ClassScores:
-    parts = [_scene_scores(scene_pairs(result, label, config), config) for result in results]
+def _threshold(curves: Curves, config: ScoreConfig) -> float:
+    """The given least score, or that of the level with the best MOTA."""
+    if config.min_score is not None:
+        return config.min_score
+    if np.isnan(curves["mota"]).all() or np.isnan(curves["confidence"]).all():
+        return -np.inf
+    reached = np.where(np.isnan(curves["confidence"]), -np.inf, curves["mota"])
+    return float(curves["confidence"][int(np.nanargmax(reached))])
+
+
+def _class_scores(
+    results: Iterable[SceneResult], label: str, threshold: float, config: ScoreConfig
+) -> ClassScores:
+    parts = [_scene_scores(scene_pairs(r, label, threshold, config), config) for r in results]
     return _together(parts)
 
 
-def scene_pairs(result: SceneResult, label: str, config: ScoreConfig) -> Pairs:
+def scene_pairs(result: SceneResult, label: str, threshold: float, config: ScoreConfig) -> Pairs:
     """Candidate pairs of a scene for one class; every class where the label is empty."""
-    truth, tracks = _rows(result.truth, label), _rows(result.tracks, label)
-    tracks = tracks.select(tracks.score >= config.min_score)
+    truth = _rows(result.truth.select(_seen(result.truth)), label)
+    tracks = _rows(result.tracks, label)
+    tracks = tracks.select(_track_means(tracks) >= threshold - ROUNDING)
     return find_pairs(
         Side(truth.frame, truth.id),
         Side(tracks.frame, tracks.id),
         len(result.frames),
         centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m),
     )
+
+
+def _seen(truth: TruthTable) -> NDArray[np.bool_]:
+    """(M,) rows from the first to the last frame in which the object has a return."""
+    objects, index = np.unique(truth.id, return_inverse=True)
+    hit = truth.num_points != 0
+    first = np.full(len(objects), np.iinfo(np.int64).max)
+    last = np.full(len(objects), -1)
+    np.minimum.at(first, index[hit], truth.frame[hit])
+    np.maximum.at(last, index[hit], truth.frame[hit])
+    seen: NDArray[np.bool_] = (truth.frame >= first[index]) & (truth.frame <= last[index])
+    return seen
+
+
+def _track_means(tracks: TrackTable) -> NDArray[np.float64]:
+    """(N,) mean score of the track that each row belongs to."""
+    _, index = np.unique(tracks.id, return_inverse=True)
+    rows = np.maximum(np.bincount(index), 1)
+    means: NDArray[np.float64] = (np.bincount(index, weights=tracks.score) / rows)[index]
+    return means
 
 
 def _rows(table: BoxTable, label: str) -> BoxTable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.pipeline.album import Album
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.flow_judge import FlowJudge
-from mottrack.pipeline.stopwatch import Stopwatch
 from mottrack.pipeline.stream import Pipeline
 
 OnFrame = Callable[[int, int], None]
@@ -62,20 +61,21 @@ def run_scene(
             frames.append(frame)
             pipeline.watch.next_frame()
         on_frame(index + 1, len(scene))
-    result = _result(scene.name, frames, steps, judge.samples(), pipeline.watch)
+    result = _result(scene, frames, steps, judge.samples())
+    result = replace(result, timings_s=pipeline.watch.seconds())
     return SceneRun(result, album.snapshots)
 
 
 def _result(
-    name: str, frames: list[Frame], steps: list[Tracks], flow: FlowSamples, watch: Stopwatch
+    scene: Scene, frames: list[Frame], steps: list[Tracks], flow: FlowSamples
 ) -> SceneResult:
     hulls = [corners for step in steps for corners in step.hull or ()]
     return SceneResult(
-        name=name,
+        name=scene.name,
         frames=FrameTable.of(frames),
         truth=TruthTable.of(frames),
         tracks=TrackTable.of(steps),
         flow=flow,
         hull_xy_m=np.concatenate(hulls) if hulls else np.zeros((0, 2)),
-        timings_s=watch.seconds(),
+        classes=tuple(scene.classes),
     )

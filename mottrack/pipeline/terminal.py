@@ -80,12 +80,25 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
 
 
 def _overall_table(runs: Iterable[ScoredRun]) -> Table:
-    columns = ("MOTA", "MOTP m", "recall", "misses", "false pos.", "switches", "IDF1", "HOTA")
+    columns = (
+        "AMOTA",
+        "AMOTP m",
+        "MOTA",
+        "MOTP m",
+        "recall",
+        "misses",
+        "false pos.",
+        "switches",
+        "IDF1",
+        "HOTA",
+    )
     table = Table("run", "class", *columns, title="Tracking, matched by centre distance")
     for run in runs:
         for label, scores in {"all": run.scores.overall, **run.scores.classes}.items():
             d = scores.as_dict()
             cells = (
+                _number(d["amota"]),
+                _number(d["amotp_m"]),
                 _number(d["mota"]),
                 _number(d["motp_m"]),
                 _number(d["recall"]),

@@ -39,17 +39,15 @@ def rules_for(classes: Sequence[str]) -> Rules:
 
 def _boxes(table: TruthTable | TrackTable, offset: int, rules: Rules) -> BoxTable:
     names = np.array(rules.classes)
-    rows = np.flatnonzero(np.isin(table.label, names))
-    table = table.select(rows)
+    table = table.select(np.isin(table.label, names))
     order = np.argsort(names)
-    is_truth = isinstance(table, TruthTable)
     return BoxTable(
         sample=table.frame + offset,
         track=table.id,
         label=order[np.searchsorted(names[order], table.label)].astype(np.int8),
         centre_m=table.centre_m,
-        score=np.full(len(rows), -1.0) if is_truth else table.score,
-        num_points=table.num_points if is_truth else np.full(len(rows), -1),
+        score=table.score if isinstance(table, TrackTable) else np.full(len(table), -1.0),
+        num_points=table.num_points if isinstance(table, TruthTable) else np.full(len(table), -1),
     )
 
 
