@@ -51,3 +51,49 @@ def _report_problems(problems: list[str], shown: int = 10) -> None:
         typer.echo(problem, err=True)
     if len(problems) > shown:
         typer.echo(f"and {len(problems) - shown} more, see problems.json", err=True)
+
+
+@group.command()
+def kitti(  # noqa: PLR0913
+    labels: Annotated[Path, typer.Option(help="Folder of label files, one per sequence.")],
+    tracks: Annotated[Path, typer.Option(help="Folder of result files, one per sequence.")],
+    out: Out,
+    split: Annotated[str, typer.Option(help="val, train, trainval, or sequences: 1,2.")] = "val",
+    kind: Annotated[str, typer.Option("--class", help="Car, Pedestrian or Cyclist.")] = "Car",
+    measure: Annotated[Literal["3d", "2d"], typer.Option(help="Overlap to match by.")] = "3d",
+    iou: Annotated[
+        float | None, typer.Option(min=0.01, max=1.0, help="Least overlap; 0.25 (3d), 0.5 (2d).")
+    ] = None,
+) -> None:
+    """The KITTI 3-D MOT protocol of AB3DMOT (sAMOTA, AMOTA, ...), one class."""
+    from mottrack.eval.kitti import files
+    from mottrack.eval.kitti.rules import DEFAULT_IOU, KittiRules
+
+    least = DEFAULT_IOU[measure] if iou is None else iou
+    rules = KittiRules(kind=kind.lower(), measure=measure, min_iou=least)
+    folders = files.Folders(labels, tracks, files.sequences_of(split))
+    result = files.evaluate_folders(folders, rules)
+    files.write_outputs(out, [result])
+    typer.echo(files.format_table([result]))
+
+
+@group.command()
+def mot(
+    truth: Annotated[list[Path], typer.Option(help="Ground truth file; repeat per sequence.")],
+    tracks: Annotated[list[Path], typer.Option(help="Result file; repeat in the same order.")],
+    out: Out,
+    iou: Annotated[float, typer.Option(min=0.01, max=1.0, help="Least overlap of a match.")] = 0.5,
+) -> None:
+    """CLEAR, IDF1 and HOTA on MOTChallenge text files."""
+    from mottrack.core.errors import InputError
+    from mottrack.eval.mot import evaluation
+
+    if len(truth) != len(tracks):
+        raise InputError("--tracks", f"given {len(tracks)} times", f"{len(truth)} as --truth")
+    scores = {
+        f"{number} {pair[0].parent.name}": evaluation.score_files(*pair, iou)
+        for number, pair in enumerate(zip(truth, tracks, strict=True), 1)
+    }
+    scores["all"] = evaluation.together(list(scores.values()))
+    evaluation.write_outputs(out, scores)
+    typer.echo(evaluation.format_table(scores))

@@ -47,8 +47,8 @@ def count(sequence: Sequence, match: Match) -> KittiCounts:
         fn=int(np.count_nonzero(~hit & ~ignored)),
         ids=sum(h.ids for h in histories),
         frag=sum(h.frag for h in histories),
-        mt=sum(h.share > MOSTLY_TRACKED for h in histories),
-        ml=sum(h.share < MOSTLY_LOST for h in histories),
+        mt=sum(bool(h.share > MOSTLY_TRACKED) for h in histories),
+        ml=sum(bool(h.share < MOSTLY_LOST) for h in histories),
         trajectories=len(histories),
         iou=float(match.iou.sum()),
     )
@@ -89,7 +89,7 @@ def _history(ids: I64, ignored: NDArray[np.bool_]) -> _History:
         now, before = int(ids[f]), int(ids[f - 1])
         if now >= 0 and last >= 0:
             switches += last != now and before >= 0
-            fragments += before != now and (f == len(ids) - 1 or ids[f + 1] >= 0)
+            fragments += bool(before != now and (f == len(ids) - 1 or ids[f + 1] >= 0))
         if now >= 0:
             tracked += 1
             last = now

@@ -84,12 +84,13 @@ def mean_over_tracks(sequence: Sequence, score: F64) -> F64:
     """(P,) each result box's score replaced by the mean over its track, summed in time order."""
     _, track = np.unique(sequence.tracks.id, return_inverse=True)
     mean: F64 = np.bincount(track, score) / np.maximum(np.bincount(track), 1)
-    return mean[track]
+    means: F64 = mean[track]
+    return means
 
 
 def _ignored_tracks(labels: KittiBoxes, tracks: KittiBoxes, rules: KittiRules) -> Mask:
     height = np.abs(tracks.image_box[:, 1] - tracks.image_box[:, 3])
-    ignored = (height <= rules.min_height_px) | (tracks.kind != rules.kind)
+    ignored: Mask = (height <= rules.min_height_px) | (tracks.kind != rules.kind)
     regions = labels.select(labels.kind == "dontcare")
     for row in np.flatnonzero(~ignored):
         near = regions.image_box[regions.frame == tracks.frame[row]]

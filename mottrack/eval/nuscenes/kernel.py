@@ -75,7 +75,7 @@ class Scenes(NamedTuple):
     hits, misses running now, longest run of misses. All zero between passes."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def fma(_context: Any, a: Any, _b: Any, _c: Any) -> Any:
     """The sum a * b + c, rounded once."""
     signature = types.float64(types.float64, types.float64, types.float64)

@@ -1,0 +1,86 @@
+"""The protocol on folders of files, and its result as files and as a table."""
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from mottrack.core.errors import DataError, unknown_name
+from mottrack.core.storage import write_text
+from mottrack.eval.kitti.labels import KittiBoxes, read_boxes
+from mottrack.eval.kitti.levels import KittiMetrics, evaluate
+from mottrack.eval.kitti.matching import prepare
+from mottrack.eval.kitti.rules import CLASSES, SPLITS, KittiRules
+
+_PERCENT = ("samota", "amota", "amotp", "mota", "motp")
+_COUNTS = ("ids", "frag", "fp", "fn")
+_SHARES = ("mt", "ml")
+
+
+@dataclass(frozen=True, slots=True)
+class Folders:
+    """Where labels and results are: one text file per sequence in each."""
+
+    labels: Path
+    tracks: Path
+    sequences: tuple[str, ...]
+
+
+def sequences_of(split: str) -> tuple[str, ...]:
+    """Sequences of a split by name, of a comma-separated list, or of a file with one a line."""
+    if split in SPLITS:
+        return SPLITS[split]
+    if Path(split).is_file():
+        return tuple(Path(split).read_text(encoding="utf-8").split())
+    names = tuple(name.strip() for name in split.split(",") if name.strip())
+    if names and all(name.isdigit() for name in names):
+        return names
+    raise unknown_name("split", split, SPLITS)
+
+
+def evaluate_folders(folders: Folders, rules: KittiRules) -> KittiMetrics:
+    """Reads all sequences and evaluates one class.
+
+    Raises DataError for a missing or malformed file, ConfigError for an unknown class.
+    """
+    if rules.kind not in CLASSES:
+        raise unknown_name("class", rules.kind, CLASSES)
+    pairs = [
+        (_read(folders.labels, name), _read(folders.tracks, name)) for name in folders.sequences
+    ]
+    return evaluate([prepare(truth, results, rules) for truth, results in pairs], rules)
+
+
+def _read(folder: Path, sequence: str) -> KittiBoxes:
+    if not folder.is_dir():
+        raise DataError(folder, "folder", "missing", "a folder of KITTI tracking text files")
+    return read_boxes(folder / f"{sequence}.txt")
+
+
+def write_outputs(folder: Path, results: list[KittiMetrics]) -> None:
+    """Writes kitti.json with every level and kitti.csv with a line per class."""
+    content = [metrics.as_dict() for metrics in results]
+    write_text(folder / "kitti.json", json.dumps(content, indent=2))
+    text = io.StringIO()
+    columns = ["class", "measure", "min_iou", *_PERCENT, *_COUNTS, *_SHARES, "tp", "truth"]
+    writer = csv.DictWriter(text, columns, lineterminator="\n", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(content)
+    write_text(folder / "kitti.csv", text.getvalue())
+
+
+def format_table(results: list[KittiMetrics]) -> str:
+    """A line per class with the columns of the published table, shares in per cent."""
+    head = ["class", *_PERCENT, *_COUNTS, *_SHARES]
+    lines = [head]
+    for metrics in results:
+        row = metrics.as_dict()
+        shares = [f"{100 * row[name]:.2f}" for name in _PERCENT]
+        counts = [str(row[name]) for name in _COUNTS]
+        lines.append([row["class"], *shares, *counts, *(f"{100 * row[n]:.2f}" for n in _SHARES)])
+    widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
+    text = ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in lines]
+    rules = results[0].rules
+    note = f"matched by {rules.measure} IoU of at least {rules.min_iou:g}; counts at the best MOTA"
+    return "\n".join([*text, note])

@@ -1,0 +1,1 @@
+"""CLEAR, IDF1 and HOTA on MOTChallenge text files."""

@@ -1,0 +1,143 @@
+"""The MOT metrics of sequences of text files."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from mottrack.core.storage import write_text
+from mottrack.eval import clear, hota, identity
+from mottrack.eval.mot.text import MotBoxes, read_boxes
+from mottrack.eval.pairs import F64, Pairs, Side, find_pairs, overlap
+
+PEDESTRIAN = 1
+DISTRACTORS = (2, 7, 8, 12)
+"""Of MOT16 and later: person on vehicle, static person, distractor, reflection."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotScores:
+    """Sums of one sequence, or of several together."""
+
+    clear: clear.ClearCounts
+    identity: identity.IdentityCounts
+    hota: hota.HotaCounts
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures; MOTP is the mean of 1 - IoU, HOTA and its parts are means over alpha."""
+        c = self.clear
+        return {
+            "mota": c.mota,
+            "motp": c.motp,
+            "idf1": self.identity.idf1,
+            "idp": self.identity.idp,
+            "idr": self.identity.idr,
+            **hota.hota(self.hota).as_dict(),
+            "truth": c.truth,
+            "fp": c.false_positives,
+            "fn": c.misses,
+            "ids": c.switches,
+            "frag": c.fragmentations,
+            "mt": c.mostly_tracked,
+            "ml": c.mostly_lost,
+            "recall": c.recall,
+            "precision": c.precision,
+        }
+
+    def alphas(self) -> dict[str, list[float]]:
+        """HOTA and its parts at every localisation threshold alpha."""
+        curves = hota.hota(self.hota)
+        rows = {name: getattr(curves, name).tolist() for name in curves.__dataclass_fields__}
+        return {"alpha": hota.ALPHAS.tolist(), **rows}
+
+
+def score_files(truth: Path, tracks: Path, min_iou: float = 0.5) -> MotScores:
+    """The scores of one sequence; raises DataError for a malformed file."""
+    return score_boxes(*preprocess(read_boxes(truth), read_boxes(tracks), min_iou), min_iou)
+
+
+def preprocess(truth: MotBoxes, tracks: MotBoxes, min_iou: float) -> tuple[MotBoxes, MotBoxes]:
+    """Leaves out what is not judged.
+
+    Of truth: rows of confidence 0 and, where there are classes, all but pedestrians. Of the
+    tracks: boxes that match a person-like distractor (MOT16 and later).
+    """
+    if (truth.kind >= 1).any():
+        distract = np.isin(truth.kind, DISTRACTORS)
+        tracks = tracks.select(~_on_distractors(truth, tracks, distract, min_iou))
+        truth = truth.select(truth.kind == PEDESTRIAN)
+    return truth.select(truth.confidence != 0), tracks
+
+
+def _on_distractors(
+    truth: MotBoxes, tracks: MotBoxes, distract: np.ndarray[Any, np.dtype[np.bool_]], gate: float
+) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """(P,) tracks whose best match among all true boxes is a distractor."""
+    out = np.zeros(len(tracks), np.bool_)
+    for frame in np.unique(truth.frame[distract]):
+        rows, columns = np.flatnonzero(truth.frame == frame), np.flatnonzero(tracks.frame == frame)
+        similarity = image_iou(truth.box[rows], tracks.box[columns])
+        similarity[similarity < gate - np.finfo(np.float64).eps] = 0.0
+        i, j = linear_sum_assignment(similarity, maximize=True)
+        good = similarity[i, j] > 0.0
+        out[columns[j[good & distract[rows[i]]]]] = True
+    return out
+
+
+def score_boxes(truth: MotBoxes, tracks: MotBoxes, min_iou: float = 0.5) -> MotScores:
+    """The scores of one sequence of boxes."""
+    pairs = image_pairs(truth, tracks)
+    near = pairs.within(np.nextafter(1.0 - min_iou, 2.0))
+    counts = clear.clear_counts(near, clear.associate(near))
+    return MotScores(counts, identity.identity_counts(near), hota.hota_counts(pairs))
+
+
+def image_pairs(truth: MotBoxes, tracks: MotBoxes) -> Pairs:
+    """All overlapping pairs of a sequence."""
+    frames = int(max(truth.frame.max(initial=0), tracks.frame.max(initial=0))) + 1
+    sides = Side(truth.frame, truth.id), Side(tracks.frame, tracks.id)
+    return find_pairs(*sides, frames, overlap(image_iou, truth.box, tracks.box))
+
+
+def image_iou(a: F64, b: F64) -> F64:
+    """IoU of rectangles (N, 4) and (M, 4), left, top, right, bottom."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    shared = np.prod(np.maximum(high - low, 0.0), axis=2)
+    areas = [(boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) for boxes in (a, b)]
+    union = areas[0][:, None] + areas[1][None, :] - shared
+    iou: F64 = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
+    return iou
+
+
+def together(scores: Sequence[MotScores]) -> MotScores:
+    """The scores of several sequences together."""
+    return MotScores(
+        clear.total(s.clear for s in scores),
+        identity.total(s.identity for s in scores),
+        hota.total(s.hota for s in scores),
+    )
+
+
+def write_outputs(folder: Path, scores: dict[str, MotScores]) -> None:
+    """Writes mot.json: the figures of every sequence and HOTA over alpha."""
+    content = {name: {**s.as_dict(), "alphas": s.alphas()} for name, s in scores.items()}
+    write_text(folder / "mot.json", json.dumps(content, indent=2))
+
+
+def format_table(scores: dict[str, MotScores]) -> str:
+    """A line per sequence."""
+    columns = ("mota", "motp", "idf1", "hota", "det_a", "ass_a", "loc_a")
+    counts = ("truth", "fp", "fn", "ids", "frag", "mt", "ml")
+    lines = [["sequence", *columns, *counts]]
+    for name, score in scores.items():
+        row = score.as_dict()
+        lines.append([name, *(f"{row[c]:.4f}" for c in columns), *(str(row[c]) for c in counts)])
+    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in lines
+    )
