@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-from importlib import import_module
-from importlib.util import find_spec
 
 import typer
+
+from mottrack.cli import data, eval, noise, run, train
 
 app = typer.Typer(
     name="mottrack",
@@ -15,9 +15,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in ("run", "eval", "data", "train", "noise"):
-    if find_spec(f"mottrack.cli.{group}"):
-        import_module(f"mottrack.cli.{group}").register(app)
+for group in (run, eval, data, train, noise):
+    group.register(app)
 
 EXIT_USER_ERROR = 2
 
