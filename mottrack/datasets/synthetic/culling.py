@@ -12,6 +12,8 @@ from mottrack.datasets.synthetic.solids import BOX, Solids
 
 _TURN = 2.0 * np.pi
 _WHOLE = 1e9
+_SPANS = 4
+_FIXED_POINT_STEPS = 4
 
 
 class Scan(NamedTuple):
@@ -47,18 +49,18 @@ def find_candidates(scan: Scan, solids: Solids) -> Candidates:
     near_m = _near_bounds(scan, solids)
     order = np.argsort(near_m)
     order = order[: np.searchsorted(near_m[order], scan.max_range_m)]
-    spans = np.empty((len(order), 3, 2), np.int64)
+    spans = np.empty((len(order), _SPANS, 2), np.int64)
     count = np.zeros(len(scan.time_s) + 1, np.int64)
     for i in range(len(order)):
         _column_spans(scan, solids, order[i], spans[i])
-        for k in range(3):
+        for k in range(_SPANS):
             for c in range(spans[i, k, 0], spans[i, k, 1]):
                 count[c + 1] += 1
     start = np.cumsum(count)
     place = start[:-1].copy()
     solid = np.empty(start[-1], np.int64)
     for i in range(len(order)):
-        for k in range(3):
+        for k in range(_SPANS):
             for c in range(spans[i, k, 0], spans[i, k, 1]):
                 solid[place[c]] = order[i]
                 place[c] += 1
@@ -96,27 +98,42 @@ def solid_pose_at(solids: Solids, p: int, tau_s: float) -> tuple[float, float, f
 
 @njit(cache=True)
 def _column_spans(scan: Scan, solids: Solids, p: int, spans: NDArray[np.int64]) -> None:
-    """Fills up to three column ranges: a moving thing at the seam is met twice, or never."""
+    """Fills up to four column ranges: a moving thing at the seam is met twice, or never.
+
+    Its azimuth is looked for from the first column and from the last, and one turn before and
+    after, since it may stick out over either end of the scan.
+    """
+    columns = len(scan.time_s)
+    for k in range(_SPANS):
+        column, turns = (0, k - 1) if k < 2 else (columns - 1, k - 2)
+        _one_span(scan, solids, p, (column, turns), spans[k])
+    if spans[2, 0] < spans[1, 1] and spans[1, 0] < spans[2, 1]:
+        spans[1, 0], spans[1, 1] = min(spans[1, 0], spans[2, 0]), max(spans[1, 1], spans[2, 1])
+        spans[2, 0] = spans[2, 1] = 0
+
+
+@njit(cache=True)
+def _one_span(
+    scan: Scan, solids: Solids, p: int, guess: tuple[int, int], span: NDArray[np.int64]
+) -> None:
+    """Fills the range of columns around the column at which the beam meets the moving solid."""
+    column, turns = guess
     columns = len(scan.time_s)
     step = (scan.azimuth_rad[-1] - scan.azimuth_rad[0]) / max(columns - 1, 1)
-    for k in range(3):
-        phase = (k - 1) * _TURN
-        low = high = 0.0
-        column = 0 if k < 2 else columns - 1
-        for _ in range(3):
-            low, high = _span_at(scan, solids, p, column)
-            if high >= _WHOLE:
-                spans[k, 0], spans[k, 1] = 0, columns if k == 1 else 0
-                break
-            middle = _wrapped(0.5 * (low + high) - scan.azimuth_rad[0], step)
-            column = min(max(int((middle + phase * np.sign(step)) / step), 0), columns - 1)
-        if high < _WHOLE:
-            shift = middle + phase * np.sign(step)
-            width = 0.5 * (high - low)
-            reach = width * _stretch(scan, solids, p) + _margin(scan)
-            first = int(np.floor((shift - np.sign(step) * reach) / step))
-            last = int(np.ceil((shift + np.sign(step) * reach) / step)) + 1
-            spans[k, 0], spans[k, 1] = min(max(first, 0), columns), min(max(last, 0), columns)
+    way = np.sign(step)
+    shift = width = 0.0
+    for _ in range(_FIXED_POINT_STEPS):
+        low, high = _span_at(scan, solids, p, column)
+        if high >= _WHOLE:
+            span[0], span[1] = 0, columns if turns == 0 else 0
+            return
+        width = 0.5 * (high - low)
+        shift = _wrapped(0.5 * (low + high) - scan.azimuth_rad[0], step) + way * turns * _TURN
+        column = min(max(int(shift / step), 0), columns - 1)
+    reach = width * _stretch(scan, solids, p) + _margin(scan)
+    first = int(np.floor((shift - way * reach) / step))
+    last = int(np.ceil((shift + way * reach) / step)) + 1
+    span[0], span[1] = min(max(first, 0), columns), min(max(last, 0), columns)
 
 
 @njit(cache=True)

@@ -14,13 +14,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mottrack.datasets.synthetic.curves import Paths, sample
-from mottrack.datasets.synthetic.signals import Signals, is_green
+from mottrack.datasets.synthetic.signals import NO_SIGNAL, Signals, is_green
 from mottrack.datasets.synthetic.traffic import Traffic
 
 STEP_S = 0.1
 _LATERAL_MPS2 = 2.2
 _HARDEST_MPS2 = 6.0
 _LOOK_STEP_M = 1.5
+_KERB_M = 0.8
 
 
 class Actors(NamedTuple):
@@ -33,7 +34,7 @@ class Actors(NamedTuple):
     driver: NDArray[np.float64]
     stop_m: NDArray[np.float64]
     approach: NDArray[np.int64]
-    end_m: NDArray[np.float64]
+    towed_by: NDArray[np.int64]
 
 
 class Motion(NamedTuple):
@@ -57,7 +58,7 @@ def actors_of(traffic: Traffic) -> Actors:
         driver=traffic.driver,
         stop_m=np.array([r.stop_m for r in routes]),
         approach=np.array([r.approach for r in routes]),
-        end_m=np.array([r.curve.length_m for r in routes]),
+        towed_by=traffic.towed_by,
     )
 
 
@@ -85,14 +86,18 @@ def _simulate(
         s, v = motion.s_m[k], motion.speed_mps[k]
         _place(actors, paths, s, v, boxes)
         for i in range(n):
-            red = not is_green(signals, actors.approach[i], begin_s + k * STEP_S)
+            pull = actors.towed_by[i]
+            if pull >= 0:
+                motion.acceleration_mps2[k, i] = motion.acceleration_mps2[k, pull]
+                continue
+            green = is_green(signals, actors.approach[i], begin_s + k * STEP_S)
+            red = actors.approach[i] != NO_SIGNAL and not green
             a = _acceleration(actors, paths, boxes, i, (s[i], v[i], red))
-            if v[i] + a * STEP_S < 0.0:
-                a = -v[i] / STEP_S
-            motion.acceleration_mps2[k, i] = a
-            if k + 1 < steps:
-                motion.s_m[k + 1, i] = s[i] + v[i] * STEP_S + 0.5 * a * STEP_S * STEP_S
-                motion.speed_mps[k + 1, i] = max(v[i] + a * STEP_S, 0.0)
+            motion.acceleration_mps2[k, i] = max(a, -v[i] / STEP_S)
+        if k + 1 < steps:
+            a = motion.acceleration_mps2[k]
+            motion.s_m[k + 1] = s + v * STEP_S + 0.5 * a * STEP_S * STEP_S
+            motion.speed_mps[k + 1] = np.maximum(v + a * STEP_S, 0.0)
     return motion
 
 
@@ -134,7 +139,7 @@ def _acceleration(
     can_stop = v * v < 2.0 * 3.5 * max(to_line, 0.01)
     if red and -0.5 < to_line < gap and can_stop:
         gap, leader = to_line, 0.0
-    if red and np.isinf(actors.stop_m[i]) and actors.approach[i] == 4 and s < 0.8:
+    if red and np.isinf(actors.stop_m[i]) and s < _KERB_M:
         gap, leader = min(gap, 0.05), 0.0
     return _following(driver, (v, max(wish, 0.3)), (gap, leader))
 
@@ -182,7 +187,7 @@ def _gap_ahead(
         dx, dy = boxes[j, 0] - boxes[i, 0], boxes[j, 1] - boxes[i, 1]
         reach = look + boxes[j, 3] + boxes[i, 3]
         ahead = dx * np.cos(boxes[i, 2]) + dy * np.sin(boxes[i, 2])
-        if i == j or dx * dx + dy * dy > reach * reach or ahead < -0.5 * look:
+        if i == j or actors.towed_by[j] == i or dx * dx + dy * dy > reach * reach or ahead < -0.5 * look:
             continue
         gap, heading = _first_inside(paths, actors, boxes[j], (i, front, min(look, best), side))
         if gap < best:

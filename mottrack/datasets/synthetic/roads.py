@@ -14,6 +14,7 @@ from mottrack.datasets.synthetic.curves import (
     curve_through,
     turn,
 )
+from mottrack.datasets.synthetic.signals import NO_SIGNAL
 
 APPROACHES = 4
 _STRAIGHT_M = 30.0
@@ -209,12 +210,13 @@ def _walks(network: RoadNetwork, index: int, direction: int) -> list[Route]:
     lane = (index, direction, -2)
     gap = network.stop_distance_m + 0.5 if len(network.roads) > 1 else 0.0
     pieces = [curve.part(0.0, origin - gap), curve.part(origin + gap, curve.length_m)]
-    walks = [Route(c, "walk", 1.6, np.inf, 0, lane) for c in pieces]
-    walks += [Route(c.reversed(), "walk", 1.6, np.inf, 0, lane) for c in pieces]
+    walks = [Route(c, "walk", 1.6, np.inf, NO_SIGNAL, lane) for c in pieces]
+    walks += [Route(c.reversed(), "walk", 1.6, np.inf, NO_SIGNAL, lane) for c in pieces]
     line = road.centre if direction == 0 else road.centre.reversed()
     s = road.origin_s_m if direction == 0 else road.centre.length_m - road.origin_s_m
     x, y, heading = line.at(np.array([s + max(gap - 2.5, 0.0) + 8.0 * (gap == 0)]), np.zeros(1))[0]
     reach = np.linspace(-middle, middle, 60)[:, None]
     across = np.array([x, y]) + reach * np.array([-np.sin(heading), np.cos(heading)])
     both = [curve_through(across), curve_through(across[::-1])]
-    return walks + [Route(c, "cross", 1.6, np.inf, APPROACHES, lane) for c in both]
+    approach = APPROACHES if len(network.roads) > 1 else NO_SIGNAL
+    return walks + [Route(c, "cross", 1.6, np.inf, approach, lane) for c in both]

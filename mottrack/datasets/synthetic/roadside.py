@@ -15,10 +15,11 @@ from mottrack.datasets.synthetic.terrain import Terrain, height_here, touches
 
 @dataclass
 class Parked:
-    """Vehicles that stand at the kerb: (x, y, yaw) and label of each."""
+    """Vehicles that stand at the kerb: (x, y, yaw), label and size of each."""
 
     place: list[tuple[float, float, float]] = field(default_factory=list)
     label: list[str] = field(default_factory=list)
+    size_m: list[tuple[float, float, float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -77,14 +77,14 @@ def _catalogue() -> dict[str, SensorModel]:
     crowded64 = np.concatenate([crowded64, _degrees(3.0, 5.0, 7.5, 10.0, 12.5, 15.0)])
     stacked = np.sort(np.concatenate([uneven32, uneven32 + np.deg2rad(0.11)]))
     models = (
-        SensorModel("uniform32", fan32, np.zeros(32), 1085, 100.0, 75.0, 0.02, 0.05),
-        SensorModel("uneven32", uneven32, _stagger(32, 2.8), 1800, 120.0, 110.0, 0.02, 0.04),
-        SensorModel("blocks64", _two_blocks(), np.zeros(64), 2000, 120.0, 100.0, 0.015, 0.06),
-        SensorModel("uneven64", crowded64, _stagger(64, 4.2), 1800, 150.0, 130.0, 0.015, 0.04),
-        SensorModel("stacked64", stacked, _stagger(64, 2.8, 2), 1800, 150.0, 110.0, 0.015, 0.04),
-        SensorModel("uniform64", _fan(64, -22.5, 22.5), np.zeros(64), 1024, 120.0, 90.0, 0.015, 0.05),
-        SensorModel("uniform128", _fan(128, -22.5, 22.5), np.zeros(128), 1024, 150.0, 100.0, 0.015, 0.05),
-        SensorModel("uneven128", _fan(128, -25.0, 15.0, 0.8), _stagger(128, 5.0), 1800, 200.0, 160.0, 0.012, 0.03),
+        SensorModel("uniform32", fan32, np.zeros(32), 1085, 100.0, 105.0, 0.02, 0.05),
+        SensorModel("uneven32", uneven32, _stagger(32, 2.8), 1800, 120.0, 140.0, 0.02, 0.04),
+        SensorModel("blocks64", _two_blocks(), np.zeros(64), 2000, 120.0, 135.0, 0.015, 0.06),
+        SensorModel("uneven64", crowded64, _stagger(64, 4.2), 1800, 150.0, 170.0, 0.015, 0.04),
+        SensorModel("stacked64", stacked, _stagger(64, 2.8, 2), 1800, 150.0, 140.0, 0.015, 0.04),
+        SensorModel("uniform64", _fan(64, -22.5, 22.5), np.zeros(64), 1024, 120.0, 110.0, 0.015, 0.05),
+        SensorModel("uniform128", _fan(128, -22.5, 22.5), np.zeros(128), 1024, 150.0, 120.0, 0.015, 0.05),
+        SensorModel("uneven128", _fan(128, -25.0, 15.0, 0.8), _stagger(128, 5.0), 1800, 200.0, 190.0, 0.012, 0.03),
     )
     return {model.name: model for model in models}
 
@@ -131,4 +131,4 @@ def _invented(rng: np.random.Generator) -> SensorModel:
     focus = rng.uniform(0.0, 0.85) if rng.random() < 0.6 else 0.0
     elevation = _fan(rings, float(low), float(high), float(focus))
     offset = _stagger(rings, float(rng.uniform(0.0, 6.0)), int(rng.choice([1, 2, 4, 8])))
-    return SensorModel("invented", elevation, offset, 1200, 120.0, float(rng.uniform(70, 150)), 0.02, 0.05)
+    return SensorModel("invented", elevation, offset, 1200, 120.0, float(rng.uniform(90, 180)), 0.02, 0.05)

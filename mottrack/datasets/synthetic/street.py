@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mottrack.datasets.synthetic.catalogue import draw_size
 from mottrack.datasets.synthetic.materials import (
     CONCRETE,
     FACADE,
@@ -26,15 +27,19 @@ def park_row(verge: Verge, span: tuple[float, float], share: float) -> None:
     profile = verge.road.profile
     if profile.parking_m <= 0 or verge.network.kind == "motorway":
         return
-    s = span[0] + float(verge.rng.uniform(0.0, 5.0))
+    s = span[0] + float(verge.rng.uniform(3.0, 8.0))
     while s < span[1]:
+        label = "truck" if verge.rng.random() < 0.03 else "car"
+        size = draw_size(verge.rng, label)
+        s += 0.5 * size[0]
         if verge.rng.random() < share and not verge.near_junction(s, 6.0):
             spot = verge.spot(s, -0.5 * profile.parking_m + float(verge.rng.normal(0.0, 0.06)))
             against = np.pi if (verge.side > 0) != (verge.rng.random() < 0.06) else 0.0
             yaw = spot.yaw_rad + against + float(verge.rng.normal(0.0, 0.02))
             verge.parked.place.append((spot.x_m, spot.y_m, yaw))
-            verge.parked.label.append("truck" if verge.rng.random() < 0.03 else "car")
-        s += 5.4 + float(verge.rng.exponential(0.8))
+            verge.parked.label.append(label)
+            verge.parked.size_m.append(size)
+        s += 0.5 * size[0] + 0.6 + float(verge.rng.exponential(0.8))
 
 
 def tree(verge: Verge, spot: Spot) -> None:
@@ -89,11 +94,11 @@ def clutter(verge: Verge, spot: Spot) -> None:
 def furniture_strip(verge: Verge, span: tuple[float, float]) -> None:
     """Poles, trees and clutter in the first metre behind the kerb."""
     rng = verge.rng
-    leafy = float(rng.choice([0.0, 0.3, 0.7]))
+    leafy = float(rng.choice([0.0, 0.3, 0.6]))
     narrow = verge.road.profile.pavement_m < 2.0
     s = span[0]
     while s < span[1]:
-        s += 2.0 + float(rng.exponential(7.0))
+        s += 1.5 + float(rng.exponential(4.0))
         spot = verge.spot(s, 0.25 if narrow else float(rng.uniform(0.35, 0.8)))
         if verge.on_road(spot, 0.15):
             continue
@@ -102,8 +107,35 @@ def furniture_strip(verge: Verge, span: tuple[float, float]) -> None:
             tree(verge, spot)
         elif u < leafy + 0.2:
             pole(verge, spot)
-        elif u < leafy + 0.35:
+        elif u < leafy + 0.4:
             clutter(verge, spot)
+
+
+def doorsteps(verge: Verge, span: tuple[float, float], back_m: float) -> None:
+    """What leans and stands at the line of the houses: steps, planters, bins, cycles, bushes."""
+    rng = verge.rng
+    s = span[0]
+    while s < span[1]:
+        s += float(rng.exponential(5.0))
+        spot = verge.spot(s, back_m - float(rng.uniform(0.0, 0.3)))
+        if not verge.on_road(spot, 0.5):
+            (bush if rng.random() < 0.25 else clutter)(verge, spot)
+
+
+def back_land(verge: Verge, span: tuple[float, float], back_m: float) -> None:
+    """Trees, bushes and sheds further away, seen through the gaps."""
+    rng = verge.rng
+    s = span[0]
+    while s < span[1]:
+        s += float(rng.exponential(9.0))
+        spot = verge.spot(s, back_m + float(rng.uniform(6.0, 30.0)))
+        if verge.on_road(spot, 3.0):
+            continue
+        u = rng.random()
+        if u < 0.8:
+            (tree if u < 0.5 else bush)(verge, spot)
+        else:
+            verge.wall((s - 3.0, s + 3.0), back_m + 14.0, (4.0, 2.6), (PLAIN, 0.5))
 
 
 def building_line(verge: Verge, span: tuple[float, float], back_m: float) -> None:

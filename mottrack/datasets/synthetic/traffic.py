@@ -50,6 +50,8 @@ class Traffic:
     """(N, 3) amplitude in metres, wave length in metres, phase."""
     driver: NDArray[np.float64]
     """(N, 5) acceleration, braking, gap, headway, distance of the axles."""
+    towed_by: NDArray[np.int64]
+    """(N,) the mover that pulls it, -1 for all but trailers."""
     paths: Paths
     routes: tuple[Route, ...]
 
@@ -64,6 +66,7 @@ class _Draft:
     wish: float
     lateral_m: float
     sway: tuple[float, float, float]
+    tows: _Draft | None = None
 
 
 def populate(
@@ -117,11 +120,14 @@ def _fill_lane(
     drafts: list[_Draft] = []
     while s < end - 10.0:
         draft = _vehicle(rng, network, (routes, s, flow))
-        room = draft.size_m[0] + (14.0 if draft.label == "trailer" else 3.0)
+        behind = draft.size_m[0] + (draft.tows.size_m[0] if draft.tows else 0.0)
+        draft.s_m = s = s + behind
+        if draft.tows:
+            _hitch(draft, draft.tows)
         same_lane = network.routes[ego.path].lane == lane
-        if not (same_lane and abs(s - ego.s_m) < room + 8.0):
-            drafts.append(draft)
-        s += room + float(rng.exponential(spacing)) + 0.6 * flow
+        if not (same_lane and abs(s - ego.s_m) < behind + 8.0):
+            drafts += [draft, draft.tows] if draft.tows else [draft]
+        s += 3.0 + float(rng.exponential(spacing)) + 0.6 * flow
     return drafts
 
 
@@ -130,36 +136,61 @@ def _vehicle(
 ) -> _Draft:
     routes, s, flow = place
     label = str(rng.choice(_VEHICLES, p=_SHARES[network.kind]))
-    usable = [r for r in routes if s < network.routes[r].stop_m - 5.0] or routes[:1]
+    usable = [r for r in routes if s < network.routes[r].stop_m - 25.0] or routes[:1]
     weights = np.array([0.6 if r == routes[0] else 0.4 for r in usable])
     path = int(rng.choice(usable, p=weights / weights.sum()))
     kind = KINDS[label]
-    wish = kind.speed[0] + kind.speed[1] * float(rng.normal())
+    wish = max(kind.speed[0] + kind.speed[1] * float(rng.normal()), 0.5)
     sway = (kind.sway_m * float(rng.uniform(0.2, 1.0)), float(rng.uniform(40, 90)), float(rng.uniform(0, 6)))
-    speed = min(flow, network.routes[path].speed_limit_mps) * max(wish, 0.3)
-    lateral = float(rng.normal(0.0, 0.12))
-    return _Draft(label, draw_size(rng, label), path, s, speed, max(wish, 0.5), lateral, sway)
+    speed = min(flow, network.routes[path].speed_limit_mps) * wish
+    lateral = float(np.clip(rng.normal(0.0, 0.12), -0.3, 0.3))
+    size = draw_size(rng, label)
+    draft = _Draft(label, size, path, s, speed, wish, lateral, sway)
+    if label == "trailer":
+        tractor = (float(rng.uniform(5.6, 6.4)), 2.5, float(rng.uniform(3.0, 3.7)))
+        return _Draft("truck", tractor, path, s, speed, wish, lateral, (0.0, 50.0, 0.0), draft)
+    return draft
+
+
+def _hitch(truck: _Draft, trailer: _Draft) -> None:
+    """Puts a trailer behind its truck: its axle runs on the same path, so it cuts corners."""
+    rear = truck.s_m - 0.5 * truck.size_m[0] * (1.0 - KINDS["truck"].wheelbase)
+    middle = rear - 0.3 - 0.5 * trailer.size_m[0]
+    trailer.s_m = middle - 0.5 * KINDS["trailer"].wheelbase * trailer.size_m[0]
+    trailer.sway = truck.sway
 
 
 def _fill_sparsely(
     rng: np.random.Generator, network: RoadNetwork, path: int, what: tuple[str, float]
 ) -> list[_Draft]:
     label, spacing = what
-    route, kind = network.routes[path], KINDS[label]
-    s, drafts = float(rng.exponential(spacing)), []
-    width = 0.9 if route.kind == "walk" else 0.5 if route.kind == "cycle" else 1.2
+    route = network.routes[path]
+    s, drafts = float(rng.exponential(spacing)), list[_Draft]()
     while s < route.curve.length_m - 1.0:
-        standing = label == "pedestrian" and route.kind == "walk" and rng.random() < 0.25
-        wish = 0.0 if standing else max(kind.speed[0] + kind.speed[1] * float(rng.normal()), 0.4)
-        sway = (kind.sway_m, float(rng.uniform(8, 20)), float(rng.uniform(0, 6)))
-        draft = _Draft(label, draw_size(rng, label), path, s, 0.0, wish, 0.0, sway)
-        draft.lateral_m = float(rng.uniform(-width, width))
-        draft.speed_mps = wish * route.speed_limit_mps if route.kind != "cross" else 0.0
-        if route.kind == "cross":
-            draft.s_m = float(rng.uniform(0.0, 0.6)) if rng.random() < 0.7 else draft.s_m
+        pavement = network.roads[route.lane[0]].profile.pavement_m
+        draft = _person(rng, label, (path, s, 0.38 * pavement), route)
         drafts.append(draft)
-        s += 1.0 + float(rng.exponential(spacing))
+        s += 1.2 + float(rng.exponential(spacing))
     return drafts
+
+
+def _person(
+    rng: np.random.Generator, label: str, place: tuple[int, float, float], route: Route
+) -> _Draft:
+    """Somebody on foot or on a bicycle: keeps to the right, or stands at the side."""
+    path, s, room = place
+    kind = KINDS[label]
+    standing = route.kind == "walk" and rng.random() < 0.25
+    wish = max(kind.speed[0] + kind.speed[1] * float(rng.normal()), 0.4)
+    reach = 1.4 if route.kind == "cross" else max(min(0.9, room), 0.4)
+    lateral = -float(rng.uniform(0.35, reach)) if label == "pedestrian" else float(rng.uniform(-0.3, 0.3))
+    speed = wish * route.speed_limit_mps
+    if standing:
+        wish, speed, lateral = 0.0, 0.0, float(rng.choice([-room, room]))
+    if route.kind == "cross":
+        speed, s = (0.0, 0.2) if s < 3.0 else (speed, s)
+    sway = (kind.sway_m * (not standing), float(rng.uniform(15, 30)), float(rng.uniform(0, 6)))
+    return _Draft(label, draw_size(rng, label), path, s, speed, wish, lateral, sway)
 
 
 def _assemble(network: RoadNetwork, drafts: list[_Draft]) -> Traffic:
@@ -178,6 +209,7 @@ def _assemble(network: RoadNetwork, drafts: list[_Draft]) -> Traffic:
         lateral_m=np.array([d.lateral_m for d in drafts]),
         sway=np.array([d.sway for d in drafts]),
         driver=np.array([driver(d) for d in drafts]),
+        towed_by=np.array([i - 1 if d.label == "trailer" else -1 for i, d in enumerate(drafts)]),
         paths=stack([r.curve for r in network.routes]),
         routes=network.routes,
     )

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from mottrack.datasets.synthetic import street
 from mottrack.datasets.synthetic.bodies import Body, Troupe, gather, make_body
-from mottrack.datasets.synthetic.catalogue import draw_size
 from mottrack.datasets.synthetic.driving import Motion, simulate
 from mottrack.datasets.synthetic.ground import Extent, lay_ground
 from mottrack.datasets.synthetic.materials import Materials, material_table
@@ -122,6 +121,8 @@ def _line_roads(
             back = road.profile.pavement_m
             line = street.building_line if _is_built_up(rng, network) else street.garden_line
             line(verge, span, back)
+            street.doorsteps(verge, span, back)
+            street.back_land(verge, span, back)
     return build.build(), parked
 
 
@@ -148,12 +149,11 @@ def _assemble(
     network, terrain, static = scenery
     traffic, motion, plan = driving
     parked, strays = extras
-    sizes = [draw_size(rng, name) for name in parked.label]
-    parked_size = np.array(sizes).reshape(len(sizes), 3)
+    parked_size = np.array(parked.size_m).reshape(len(parked.label), 3)
     label = np.concatenate([traffic.label, np.array(parked.label, dtype=np.str_), strays.label])
     size = np.concatenate([traffic.size_m, parked_size, strays.size_m])
     bodies = [make_body(rng, str(name), tuple(s)) for name, s in zip(label, size, strict=True)]
-    place = np.array(parked.place).reshape(len(sizes), 3)
+    place = np.array(parked.place).reshape(len(parked.label), 3)
     return World(
         network=network,
         terrain=terrain,
