@@ -157,12 +157,17 @@ def class_curves(scenes: Scenes, rules: Rules) -> Curves:
     """Every metric of a class at every recall level."""
     boxes = len(scenes.truth) - 1
     if boxes == 0:
-        names = (*LEVEL_METRICS, "confidence", "recall_hypo")
-        return {name: np.full(rules.levels, np.nan) for name in names}
+        return unreached_curves(rules)
     threshold, recall = thresholds(matched_scores(scenes)[0], boxes, rules)
     levels = np.unique(threshold[~np.isnan(threshold)])
     tally = tally_levels(scenes, levels)
     return curves_of(tally, (threshold, recall, levels), (boxes, len(scenes.object)))
+
+
+def unreached_curves(rules: Rules) -> Curves:
+    """The curves of a class without truth: nothing is defined."""
+    names = (*LEVEL_METRICS, "confidence", "recall_hypo")
+    return {name: np.full(rules.levels, np.nan) for name in names}
 
 
 def tally_levels(scenes: Scenes, levels: F64) -> Tally:
