@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
-from mottrack.flow.matcher import Matcher
+from mottrack.flow.matcher import Matcher, Matches
 from mottrack.flow.prepared import Prepared
 from mottrack.flow.verdict import Judged
 
@@ -27,14 +27,16 @@ def component_field(
     """
     matches, moving = judged.matches, judged.moving
     seen = moving | ((matches.compared > 0) & (matches.rest_cost_m < matcher.config.cap_m / 2))
-    velocity_mps = np.where(moving[:, None], -matches.shift_m / prepared.elapsed_s, 0.0)
     sigma_mps = np.hypot(_SIGMA_M, _COST_SHARE * matches.cost_m) / prepared.elapsed_s
     xyz_m = prepared.current.xyz_m
     owner = _owners(grid, matcher, xyz_m, judged)
     occupied = grid.occupancy(xyz_m)
     # the row that -1 picks stands for cells without a component
     valid = occupied & np.append(seen, False)[owner]
-    field_mps = np.vstack([velocity_mps, np.zeros((1, 2))])[owner] * valid[..., None]
+    moves = np.append(moving, False)[owner] & valid
+    field_mps = np.zeros((*grid.shape, 2))
+    field_mps[moves] = cell_displacements(matches, owner[moves], grid.centres_m()[moves])
+    field_mps /= prepared.elapsed_s
     variance = np.append(sigma_mps**2, 0.0)[owner] * valid
     return FlowField(
         grid=grid,
@@ -45,6 +47,16 @@ def component_field(
         weight=occupied.astype(np.float32),
         stamp_ns=prepared.current.stamp_ns,
     )
+
+
+def cell_displacements(
+    matches: Matches, owner: NDArray[np.int64], xy_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(C, 2) displacement since the previous sweep of places (C, 2) on components (C,)."""
+    cos, sin = np.cos(matches.turn_rad[owner]) - 1, np.sin(matches.turn_rad[owner])
+    dx, dy = (xy_m - matches.centre_m[owner]).T
+    turned_m = np.column_stack([cos * dx - sin * dy, sin * dx + cos * dy])
+    return -(turned_m + matches.shift_m[owner])
 
 
 def _owners(

@@ -50,6 +50,10 @@ def follow_neighbours(matcher: Matcher, judged: Judged, config: VerdictConfig) -
     joins = near & unexplained & (cost_m <= rest_m)
     matches = replace(
         judged.matches,
+        turn_rad=np.where(joins, judged.matches.turn_rad[leader_of], judged.matches.turn_rad),
+        centre_m=np.where(
+            joins[:, None], judged.matches.centre_m[leader_of], judged.matches.centre_m
+        ),
         shift_m=np.where(joins[:, None], led_m, judged.matches.shift_m),
         cost_m=np.where(joins, cost_m, judged.matches.cost_m),
     )

@@ -31,6 +31,7 @@ class MatchConfig(StrictModel):
     max_points: int = Field(80, ge=10, description="points of a component that are compared")
     starts: int = Field(5, ge=0, description="best displacements of the correlation to start from")
     max_speed_mps: float = Field(40.0, gt=0, description="fastest motion that is looked for")
+    max_turn_radps: float = Field(0.5, ge=0, description="fastest turn; 0 registers shifts alone")
     search_above_m: float = Field(
         0.05, ge=0, description="components that rest explains better are not searched"
     )
@@ -42,7 +43,11 @@ class Matches:
     """The best shift of each of K components."""
 
     shift_m: NDArray[np.float64]
-    """(K, 2) planar shift from the current to the previous place."""
+    """(K, 2) planar shift of the centre from the current to the previous place."""
+    turn_rad: NDArray[np.float64]
+    """(K,) turn about the centre from the current to the previous heading."""
+    centre_m: NDArray[np.float64]
+    """(K, 2) centre of the turn in the current sweep."""
     cost_m: NDArray[np.float64]
     """(K,) mean capped distance, both ways, of the best shift."""
     rest_cost_m: NDArray[np.float64]
@@ -116,11 +121,14 @@ class Matcher:
             self.config.max_points,
             self.config.max_speed_mps * self.elapsed_s,
             self.config.search_above_m,
+            self.config.max_turn_radps * self.elapsed_s,
         )
         result = match_components(scene, (points_m, spans), given, rest, limits)
         return Matches(
             shift_m=result[:, :2],
-            cost_m=result[:, 2],
+            turn_rad=result[:, 2],
+            centre_m=result[:, 3:5],
+            cost_m=result[:, 5],
             rest_cost_m=rest[:, 0],
             compared=rest[:, 1].astype(np.int64),
             points=np.diff(spans),

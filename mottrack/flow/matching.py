@@ -1,6 +1,7 @@
 """Where a component of the current sweep was in the previous one, and how sure that is.
 
-A hypothesis is a planar shift `s`: current point `p` was at `p + s`. Its cost is what it leaves
+A hypothesis is a planar motion: current point `p` was at `R (p - c) + c + s`, with a shift `s` and
+a turn about the component's centre `c`. Its cost is what it leaves
 unexplained, in both directions: the mean capped distance of the shifted component to the previous
 points, and of the previous points in the shifted footprint to the component. A point without a
 partner costs nothing where the other sweep could not see it.
@@ -21,6 +22,13 @@ from mottrack.lidar.residual import translation_icp
 
 _COARSE = 30
 """Points of a component that tell its starts apart."""
+_FINE = 2
+"""Times more points for the finer search."""
+_WORTH_POLISHING = 0.9
+"""Cost of the best start over the cost of rest, at most, for a finer search."""
+_TURN_POINTS = 40
+_TURN_RADIUS_M = 0.8
+"""A vehicle's length shows its turn; a pedestrian's outline does not."""
 
 
 class MatchScene(NamedTuple):
@@ -39,34 +47,37 @@ class MatchScene(NamedTuple):
     cap_m: float
 
 
+Motion = tuple[float, float, float, float, float]
+"""Shift x, y, turn in radians, and the centre x, y that it is about."""
+
+
 @njit(cache=True)
 def hypothesis_cost(
-    scene: MatchScene,
-    points_m: NDArray[np.float32],
-    owner: tuple[int, int],
-    shift_m: tuple[float, float],
+    scene: MatchScene, points_m: NDArray[np.float32], owner: tuple[int, int], motion: Motion
 ) -> tuple[float, int]:
-    """Mean capped distance both ways of one shift, and how many points it is the mean of.
+    """Mean capped distance both ways of one motion, and how many points it is the mean of.
 
     Args:
         scene: the two sweeps.
         points_m: (N, 3) points of the component that are compared, heights scaled.
         owner: the component, and of how many of its points each compared one stands for.
-        shift_m: where the component was, less where it is.
+        motion: from where the component is to where it was.
     """
-    forward, n_forward = _forward(scene, points_m, shift_m)
-    backward, n_backward = _backward(scene, points_m, owner, shift_m)
+    forward, n_forward = _forward(scene, points_m, motion)
+    backward, n_backward = _backward(scene, points_m, owner, motion)
     total = n_forward + n_backward
     return ((forward + backward) / total if total else scene.cap_m), total
 
 
 @njit(cache=True)
-def _forward(
-    scene: MatchScene, points_m: NDArray[np.float32], shift_m: tuple[float, float]
-) -> tuple[float, int]:
+def _forward(scene: MatchScene, points_m: NDArray[np.float32], motion: Motion) -> tuple[float, int]:
+    cos, sin = np.cos(motion[2]), np.sin(motion[2])
+    centre_x, centre_y = motion[3], motion[4]
     total, count = 0.0, 0
     for i in range(len(points_m)):
-        x, y, z = points_m[i, 0] + shift_m[0], points_m[i, 1] + shift_m[1], points_m[i, 2]
+        dx, dy, z = points_m[i, 0] - centre_x, points_m[i, 1] - centre_y, points_m[i, 2]
+        x = cos * dx - sin * dy + centre_x + motion[0]
+        y = sin * dx + cos * dy + centre_y + motion[1]
         k, d2 = nearest(scene.previous, x, y, z, scene.cap_m)
         if k < 0 and state_at(scene.previous_image, x, y, z / scene.z_scale, 0.5) == HIDDEN:
             continue
@@ -77,22 +88,12 @@ def _forward(
 
 @njit(cache=True)
 def _backward(
-    scene: MatchScene,
-    points_m: NDArray[np.float32],
-    owner: tuple[int, int],
-    shift_m: tuple[float, float],
+    scene: MatchScene, points_m: NDArray[np.float32], owner: tuple[int, int], motion: Motion
 ) -> tuple[float, int]:
     grid = scene.previous
-    height, width = scene.footprint.shape
-    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
-    for i in range(len(points_m)):
-        low_x, high_x = min(low_x, points_m[i, 0]), max(high_x, points_m[i, 0])
-        low_y, high_y = min(low_y, points_m[i, 1]), max(high_y, points_m[i, 1])
-    pad = scene.cell_m
-    col_low = max(int((low_x + shift_m[0] - pad - grid.x_min_m) // grid.cell_m), 0)
-    col_high = min(int((high_x + shift_m[0] + pad - grid.x_min_m) // grid.cell_m), grid.cols - 1)
-    row_low = max(int((low_y + shift_m[1] - pad - grid.y_min_m) // grid.cell_m), 0)
-    row_high = min(int((high_y + shift_m[1] + pad - grid.y_min_m) // grid.cell_m), grid.rows - 1)
+    cos, sin = np.cos(motion[2]), np.sin(motion[2])
+    centre_x, centre_y = motion[3], motion[4]
+    col_low, col_high, row_low, row_high = _window(grid, points_m, motion, scene.cell_m)
     total, count, met = 0.0, 0, 0
     if col_low > col_high:
         return total, count
@@ -100,20 +101,48 @@ def _backward(
         first = grid.start[row * grid.cols + col_low]
         last = grid.start[row * grid.cols + col_high + 1]
         for k in range(first, last):
-            x, y, z = grid.xyz_m[k, 0] - shift_m[0], grid.xyz_m[k, 1] - shift_m[1], grid.xyz_m[k, 2]
-            c = int((x - scene.corner_m[0]) // scene.cell_m)
-            r = int((y - scene.corner_m[1]) // scene.cell_m)
-            if not (0 <= r < height and 0 <= c < width) or scene.footprint[r, c] != owner[0]:
+            dx = grid.xyz_m[k, 0] - centre_x - motion[0]
+            dy = grid.xyz_m[k, 1] - centre_y - motion[1]
+            x, y = cos * dx + sin * dy + centre_x, cos * dy - sin * dx + centre_y
+            if not _inside(scene, x, y, owner[0]):
                 continue
             met += 1
             if met % owner[1] != 0:
                 continue
+            z = grid.xyz_m[k, 2]
             j, d2 = nearest(scene.current, x, y, z, scene.cap_m)
             if j < 0 and state_at(scene.current_image, x, y, z / scene.z_scale, 0.5) == HIDDEN:
                 continue
             total += np.sqrt(d2)
             count += 1
     return total, count
+
+
+@njit(cache=True)
+def _inside(scene: MatchScene, x_m: float, y_m: float, component: int) -> bool:
+    col = int((x_m - scene.corner_m[0]) // scene.cell_m)
+    row = int((y_m - scene.corner_m[1]) // scene.cell_m)
+    height, width = scene.footprint.shape
+    if not (0 <= row < height and 0 <= col < width):
+        return False
+    return bool(scene.footprint[row, col] == component)
+
+
+@njit(cache=True)
+def _window(
+    grid: PointGrid, points_m: NDArray[np.float32], motion: Motion, pad_m: float
+) -> tuple[int, int, int, int]:
+    """Columns and rows of the grid that hold the moved component and a margin."""
+    low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
+    for i in range(len(points_m)):
+        low_x, high_x = min(low_x, points_m[i, 0]), max(high_x, points_m[i, 0])
+        low_y, high_y = min(low_y, points_m[i, 1]), max(high_y, points_m[i, 1])
+    pad_m += abs(motion[2]) * (high_x - low_x + high_y - low_y)
+    col_low = max(int((low_x + motion[0] - pad_m - grid.x_min_m) // grid.cell_m), 0)
+    col_high = min(int((high_x + motion[0] + pad_m - grid.x_min_m) // grid.cell_m), grid.cols - 1)
+    row_low = max(int((low_y + motion[1] - pad_m - grid.y_min_m) // grid.cell_m), 0)
+    row_high = min(int((high_y + motion[1] + pad_m - grid.y_min_m) // grid.cell_m), grid.rows - 1)
+    return col_low, col_high, row_low, row_high
 
 
 @njit(cache=True)
@@ -128,7 +157,7 @@ def shift_costs(
     costs = np.zeros((len(spans) - 1, 2))
     for k in range(len(costs)):
         chosen, stride = _chosen(points_m, spans, k, max_points)
-        shift = (shifts_m[k, 0], shifts_m[k, 1])
+        shift = (shifts_m[k, 0], shifts_m[k, 1], 0.0, 0.0, 0.0)
         costs[k, 0], costs[k, 1] = hypothesis_cost(scene, chosen, (k, stride), shift)
     return costs
 
@@ -147,9 +176,9 @@ def match_components(
     components: tuple[NDArray[np.float32], NDArray[np.int64]],
     starts: tuple[NDArray[np.float64], NDArray[np.int64]],
     rest: NDArray[np.float64],
-    limits: tuple[int, float, float],
+    limits: tuple[int, float, float, float],
 ) -> NDArray[np.float64]:
-    """(K, 3) of each component: its best shift x, y, and the cost of that.
+    """(K, 6) of each component: its best motion (shift, turn, centre), and the cost of that.
 
     Args:
         scene: the two sweeps.
@@ -158,22 +187,26 @@ def match_components(
         starts: (S, 2) planar shifts to start from, sorted by component; (K + 1,) first start of
             each. Rest is always one.
         rest: (K, 2) of no shift, from `shift_costs`.
-        limits: points that are compared, longest shift, cost of rest below which none is sought.
+        limits: points that are compared, longest shift, cost of rest below which none is sought,
+            largest turn.
     """
     points_m, spans = components
-    result = np.zeros((len(spans) - 1, 3))
+    result = np.zeros((len(spans) - 1, 6))
     for k in range(len(result)):
-        result[k, 2] = rest[k, 0]
+        result[k, 5] = rest[k, 0]
         given = starts[0][starts[1][k] : starts[1][k + 1]]
         if spans[k + 1] == spans[k] or (rest[k, 0] < limits[2] and len(given) == 0):
             continue
         candidates = np.zeros((len(given) + 1, 2))
         candidates[1:] = given
         chosen, stride = _chosen(points_m, spans, k, limits[0])
-        shift, cost = _best(
-            scene, chosen, (k, stride), candidates, (rest[k, 0], rest[k, 1], limits[1])
-        )
-        result[k, 0], result[k, 1], result[k, 2] = shift[0], shift[1], cost
+        bounds = (rest[k, 0], rest[k, 1], limits[1])
+        motion, cost = _best(scene, chosen, (k, stride), candidates, bounds)
+        if cost < _WORTH_POLISHING * rest[k, 0]:
+            chosen, stride = _chosen(points_m, spans, k, _FINE * limits[0])
+            cost, _ = hypothesis_cost(scene, chosen, (k, stride), motion)
+            motion, cost = _polish(scene, chosen, (k, stride), (motion, cost), limits[3])
+        result[k, :5], result[k, 5] = motion, cost
     return result
 
 
@@ -184,10 +217,11 @@ def _best(
     owner: tuple[int, int],
     candidates: NDArray[np.float64],
     bounds: tuple[float, float, float],
-) -> tuple[tuple[float, float], float]:
+) -> tuple[Motion, float]:
     """Best shift over all starts: a coarse registration of each, a fine one of the best two."""
     rest_m, compared, longest_m = bounds
-    coarse = np.ascontiguousarray(points_m[:: max(len(points_m) // _COARSE, 1)])
+    thinner = max(len(points_m) // _COARSE, 1)
+    coarse = np.ascontiguousarray(points_m[::thinner])
     gates_m = scene.cap_m * np.array([1.0, 1.0, 0.8, 0.7, 0.6])
     costs = np.full(len(candidates), np.inf)
     for s in range(len(candidates)):
@@ -195,22 +229,20 @@ def _best(
         x, y = translation_icp(scene.previous, coarse, start, gates_m)
         if x * x + y * y <= longest_m * longest_m:
             candidates[s, 0], candidates[s, 1] = x, y
-            costs[s] = hypothesis_cost(
-                scene, coarse, (owner[0], owner[1] * max(len(points_m) // _COARSE, 1)), (x, y)
-            )[0]
-    best, best_shift = rest_m, (0.0, 0.0)
+            motion = (x, y, 0.0, 0.0, 0.0)
+            costs[s] = hypothesis_cost(scene, coarse, (owner[0], owner[1] * thinner), motion)[0]
+    best, best_motion = rest_m, (0.0, 0.0, 0.0, 0.0, 0.0)
     gates_m = scene.cap_m * np.array([0.7, 0.6, 0.5, 0.5, 0.4, 0.4])
     for s in np.argsort(costs)[:2]:
         if not np.isfinite(costs[s]):
             continue
         start = (candidates[s, 0], candidates[s, 1])
-        shift = translation_icp(scene.previous, points_m, start, gates_m)
-        cost, n = hypothesis_cost(scene, points_m, owner, shift)
+        x, y = translation_icp(scene.previous, points_m, start, gates_m)
+        motion = (x, y, 0.0, 0.0, 0.0)
+        cost, n = hypothesis_cost(scene, points_m, owner, motion)
         if cost < best and 2 * n > compared:
-            best, best_shift = cost, shift
-    if best < 0.9 * rest_m:
-        best, best_shift = _polish(scene, points_m, owner, (best_shift, best))
-    return best_shift, best
+            best, best_motion = cost, motion
+    return best_motion, best
 
 
 @njit(cache=True)
@@ -218,20 +250,49 @@ def _polish(
     scene: MatchScene,
     points_m: NDArray[np.float32],
     owner: tuple[int, int],
-    found: tuple[tuple[float, float], float],
-) -> tuple[float, tuple[float, float]]:
-    """Pattern search on the two-way cost: ICP along a smooth side stops short of its minimum."""
-    (x, y), best = found
+    found: tuple[Motion, float],
+    max_turn_rad: float,
+) -> tuple[Motion, float]:
+    """Pattern search on the two-way cost: ICP along a smooth side stops short of its minimum.
+
+    The turn is searched, too, where the component is large enough to tell one.
+    """
+    (x, y, _, _, _), best = found
+    centre_x, centre_y, radius_m = _middle(points_m)
+    turn = 0.0
+    turns = len(points_m) >= _TURN_POINTS and radius_m > _TURN_RADIUS_M
     step = 0.16
-    while step > 0.015:
+    while step > 0.012:
         improved = False
-        for dx, dy in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
-            trial = (x + step * dx, y + step * dy)
-            cost, _ = hypothesis_cost(scene, points_m, owner, trial)
-            if cost < best:
-                best, improved = cost, True
-                x, y = trial
-                break
+        for axis in range(3 if turns else 2):
+            for sign in (1.0, -1.0):
+                trial = (
+                    x + (sign * step if axis == 0 else 0.0),
+                    y + (sign * step if axis == 1 else 0.0),
+                    turn + (sign * step / radius_m if axis == 2 else 0.0),
+                    centre_x,
+                    centre_y,
+                )
+                if abs(trial[2]) > max_turn_rad:
+                    continue
+                cost, _ = hypothesis_cost(scene, points_m, owner, trial)
+                if cost < best:
+                    best, improved = cost, True
+                    x, y, turn = trial[0], trial[1], trial[2]
+                    break
         if not improved:
             step /= 2
-    return best, (x, y)
+    return (x, y, turn, centre_x, centre_y), best
+
+
+@njit(cache=True)
+def _middle(points_m: NDArray[np.float32]) -> tuple[float, float, float]:
+    """Centre x, y and the root mean square distance from it, at least a tenth of a metre."""
+    x, y, square = 0.0, 0.0, 0.0
+    for i in range(len(points_m)):
+        x += points_m[i, 0]
+        y += points_m[i, 1]
+    x, y = x / len(points_m), y / len(points_m)
+    for i in range(len(points_m)):
+        square += (points_m[i, 0] - x) ** 2 + (points_m[i, 1] - y) ** 2
+    return x, y, max(np.sqrt(square / len(points_m)), 0.1)
