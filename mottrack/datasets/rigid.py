@@ -44,12 +44,21 @@ def quaternion_pose(
         raise NonFiniteError(
             file, field, [*wxyz.tolist(), *translation_m.tolist()], "finite numbers"
         )
-    length = float(np.linalg.norm(wxyz))
+    length = float(quaternion_length(wxyz))
     if abs(length - 1.0) > MAX_DEFECT:
         raise NotRigidError(
             file, field, wxyz.tolist(), f"a unit quaternion, length is {length:.4g}"
         )
     return Pose.from_quaternion_wxyz(wxyz / length, translation_m)
+
+
+def quaternion_length(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the length of (..., 4) quaternions, exact up to 10.
+
+    A damaged number may be so large that its square overflows.
+    """
+    length: NDArray[np.float64] = np.linalg.norm(np.clip(wxyz, -10.0, 10.0), axis=-1)
+    return length
 
 
 def quaternion_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from mottrack.datasets.argoverse2.feather import (
     stacked,
 )
 from mottrack.datasets.kinematics import centred_velocities
+from mottrack.datasets.rigid import quaternion_length
 from mottrack.datasets.tables import DetectionTable, to_world
 
 _CUBOID = ("timestamp_ns", *SIZE, *POSE)
@@ -123,7 +124,7 @@ def _labels(category: NDArray[np.str_], config: Argoverse2Config) -> NDArray[np.
 
 def _check(path: Path, columns: Columns) -> None:
     size, pose = stacked(columns, SIZE), stacked(columns, POSE)
-    length = np.linalg.norm(pose[:, :4], axis=1)
+    length = quaternion_length(pose[:, :4])
     outside = (size.min(axis=1, initial=1.0) <= 0.0) | (size.max(axis=1, initial=1.0) > 100.0)
     refuse(path, outside, "size", size, "in (0, 100] m")
     refuse(path, np.abs(length - 1.0) > 1e-3, "rotation", pose[:, :4], "a unit quaternion")

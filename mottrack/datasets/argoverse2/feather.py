@@ -29,9 +29,10 @@ def read_columns(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...] = 
     table = _table(path)
     columns: Columns = {}
     for name in (*numbers, *texts):
-        if name not in table.column_names:
-            expected = f"a column ({', '.join(table.column_names)} are there)"
-            raise DataError(path, name, "missing", expected)
+        count = table.column_names.count(name)
+        if count != 1:
+            expected = f"one column (there: {', '.join(table.column_names)})"
+            raise DataError(path, name, f"given {count} times", expected)
         columns[name] = _column(path, table[name], name, text=name in texts)
     return columns
 
@@ -45,7 +46,7 @@ def _table(path: Path) -> pa.Table:
     try:
         table = pyarrow.feather.read_table(pa.BufferReader(read_bytes(path)))
         table.validate(full=True)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DataError(path, "content", f"unreadable ({first_line})", "a feather file") from error
     return table

@@ -18,6 +18,7 @@ from mottrack.datasets.nuscenes.tables import (
     looked_up,
     text_of,
 )
+from mottrack.datasets.rigid import quaternion_length
 
 _TABLE = "sample_annotation"
 _KINDS = (
@@ -68,7 +69,7 @@ def _categories(tables: Tables, number: dict[str, int]) -> NDArray[np.bytes_]:
 
 
 def _check(tables: Tables, columns: Columns) -> None:
-    length = np.linalg.norm(columns["rotation"], axis=1)
+    length = quaternion_length(columns["rotation"])
     _refuse(tables, columns, np.abs(length - 1.0) > 1e-3, "rotation", "a unit quaternion")
     too_small = columns["size"].min(axis=1, initial=1.0) <= 0.0
     _refuse(tables, columns, too_small, "size", "three positive numbers")

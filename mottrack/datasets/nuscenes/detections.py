@@ -23,6 +23,7 @@ from mottrack.datasets.faults import MissingError, OutOfOrderError, TruncatedErr
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
 from mottrack.datasets.nuscenes.truth import yaw_of
+from mottrack.datasets.rigid import quaternion_length
 from mottrack.datasets.tables import DetectionTable
 
 _SAMPLE = re.compile(rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])')
@@ -52,7 +53,7 @@ class DetectionFile:
                 self._check_envelope(bytes(text[: places[0][1]]) if places else bytes(text))
         except OSError as error:
             raise DataError(self._path, "file", error.strerror, "a detection file") from error
-        ends = [start for _, start, _ in places[1:]] + [size]
+        ends = [start for _, start, _ in places[1:]] + [size] * bool(places)
         spans = {}
         for (token, _, start), end in zip(places, ends, strict=True):
             name = token.decode(errors="replace")
@@ -128,7 +129,7 @@ class DetectionFile:
         return array
 
     def _check(self, where: str, token: str, columns: dict[str, NDArray[Any]]) -> None:
-        unit = np.abs(np.linalg.norm(columns["rotation"], axis=1) - 1.0) < 1e-2
+        unit = np.abs(quaternion_length(columns["rotation"]) - 1.0) < 1e-2
         known = np.isin(columns["detection_name"], [name.encode() for name in DETECTION_NAMES])
         checks = (
             ("sample_token", columns["sample_token"] == token.encode(), token),

@@ -17,6 +17,7 @@ from mottrack.datasets.nuscenes.tables import (
     looked_up,
     text_of,
 )
+from mottrack.datasets.rigid import quaternion_length
 
 CHANNEL = "LIDAR_TOP"
 _KINDS = (
@@ -72,7 +73,7 @@ def _ego_poses(tables: Tables, tokens: NDArray[np.bytes_]) -> NDArray[np.float64
 
 
 def _check_unit(tables: Tables, name: str, columns: Columns) -> None:
-    length = np.linalg.norm(columns["rotation"], axis=1)
+    length = quaternion_length(columns["rotation"])
     wrong = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
     if wrong.size:
         field = f"rotation of record {columns['token'][wrong[0]].decode()}"
