@@ -28,29 +28,23 @@ def nuscenes(  # noqa: PLR0913
     ] = "official",
     strict: Annotated[bool, typer.Option("--strict", help="Warnings are errors.")] = False,
     picture: Annotated[bool, typer.Option(help="Draw the recall curves.")] = True,
+    bootstrap: Annotated[int, typer.Option(min=0, help="Resamples of scenes; 0: none.")] = 0,
+    compare: Annotated[
+        Path | None, typer.Option(help="A second submission, compared with the first in pairs.")
+    ] = None,
+    anatomy: Annotated[bool, typer.Option("--anatomy", help="Errors by kind.")] = False,
+    hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
 ) -> None:
     """The nuScenes tracking metrics (AMOTA, AMOTP, ...), equal to the devkit's."""
-    from mottrack.eval.nuscenes import submission_run
+    from mottrack.eval.nuscenes import command
     from mottrack.eval.nuscenes.rules import Rules
-    from mottrack.eval.nuscenes.table import format_table
+    from mottrack.eval.nuscenes.submission_run import Request
 
     rules = Rules(interpolation=interpolation)
-    request = submission_run.Request(dataroot, version, split, submission, rules, strict)
-    evaluation = submission_run.run(request)
-    _report_problems([str(problem) for problem in evaluation.problems])
-    submission_run.write(evaluation, out)
-    if picture:
-        from mottrack.eval.nuscenes.recall_curves import draw_recall_curves
-
-        draw_recall_curves(evaluation.metrics, out / "recall_curves.png")
-    typer.echo(format_table(evaluation.metrics))
-
-
-def _report_problems(problems: list[str], shown: int = 10) -> None:
-    for problem in problems[:shown]:
-        typer.echo(problem, err=True)
-    if len(problems) > shown:
-        typer.echo(f"and {len(problems) - shown} more, see problems.json", err=True)
+    extras = command.Extras(picture, bootstrap, compare, anatomy, hota)
+    request = Request(dataroot, version, split, submission, rules, strict)
+    for text in command.evaluate(request, extras, out, warn=lambda t: typer.echo(t, err=True)):
+        typer.echo(text)
 
 
 @group.command()

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from mottrack.eval.nuscenes.rules import COLORS
 from mottrack.eval.nuscenes.summary import Metrics
@@ -18,7 +18,8 @@ PANELS = {
 
 def draw_recall_curves(metrics: Metrics, path: Path) -> None:
     """Draws twelve metrics over recall, a line per class, and marks the level of best MOTA."""
-    figure, axes = plt.subplots(3, 4, figsize=(15, 9.5), sharex=True, layout="constrained")
+    figure = Figure(figsize=(15, 9.5), layout="constrained")
+    axes = figure.subplots(3, 4, sharex=True)
     for axis, (name, title) in zip(axes.flat, PANELS.items(), strict=True):
         for label, curves in metrics.curves.items():
             value, recall = curves[name], curves["recall_hypo"]
@@ -43,4 +44,3 @@ def draw_recall_curves(metrics: Metrics, path: Path) -> None:
         f"{metrics.rules.interpolation}; dots: level of best MOTA"
     )
     figure.savefig(path, dpi=110)
-    plt.close(figure)

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mottrack.core.storage import write_text
-from mottrack.eval.nuscenes.boxes import GroundTruth
+from mottrack.eval.nuscenes.boxes import GroundTruth, Prepared
 from mottrack.eval.nuscenes.cache import cached_ground_truth
 from mottrack.eval.nuscenes.outputs import write_outputs
+from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.rules import Rules
 from mottrack.eval.nuscenes.sample_splits import describe_samples
 from mottrack.eval.nuscenes.submission import Submission, read_submission, to_boxes
-from mottrack.eval.nuscenes.summary import Metrics, evaluate
+from mottrack.eval.nuscenes.summary import Metrics, evaluate_prepared
 from mottrack.eval.nuscenes.validation import Problem, require_valid, validate
 from mottrack.formats.nuscenes_splits import resolve_split
 
@@ -39,6 +40,7 @@ class Evaluation:
     problems: list[Problem]
     submission: Submission
     eval_time_s: float
+    prepared: Prepared
 
 
 def run(request: Request) -> Evaluation:
@@ -51,9 +53,10 @@ def run(request: Request) -> Evaluation:
     problems = check(request, submission, truth)
     require_valid(problems, strict=request.strict)
     began = time.perf_counter()
-    boxes = to_boxes(submission, truth.samples, request.rules)
-    metrics = evaluate(truth, boxes, request.rules)
-    return Evaluation(metrics, problems, submission, time.perf_counter() - began)
+    prepared = prepare(truth, to_boxes(submission, truth.samples, request.rules), request.rules)
+    metrics = evaluate_prepared(prepared, request.rules)
+    seconds = time.perf_counter() - began
+    return Evaluation(metrics, problems, submission, seconds, prepared)
 
 
 def ground_truth(request: Request) -> GroundTruth:

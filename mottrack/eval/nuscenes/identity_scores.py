@@ -1,0 +1,90 @@
+"""HOTA and IDF1 of 3-D scenes beside the official figures.
+
+They need one set of tracks, so each class is cut at its threshold of best MOTA, where the official
+summary reads its counts. Boxes are as prepared for AMOTA; similarity falls from 1 to 0 over the
+match distance.
+"""
+
+import numpy as np
+
+from mottrack.eval import hota, identity
+from mottrack.eval.nuscenes.boxes import BoxTable, Prepared, Samples
+from mottrack.eval.nuscenes.summary import Metrics
+from mottrack.eval.pairs import Side, centre_distance, find_pairs
+
+Figures = dict[str, dict[str, float]]
+
+
+def identity_scores(prepared: Prepared, metrics: Metrics) -> Figures:
+    """Class, or "all", to HOTA, its parts, IDF1, IDP and IDR.
+
+    "all" adds the counts of the classes up. A class that reaches no recall level has no tracks.
+    """
+    parts = {
+        name: _class_counts(prepared, label, metrics)
+        for label, name in enumerate(metrics.rules.classes)
+    }
+    out = {name: _figures(*part) for name, part in parts.items()}
+    sides = list(zip(*parts.values(), strict=True))
+    out["all"] = _figures(identity.total(sides[0]), hota.total(sides[1]))
+    return out
+
+
+def _class_counts(
+    prepared: Prepared, label: int, metrics: Metrics
+) -> tuple[identity.IdentityCounts, hota.HotaCounts]:
+    curves = metrics.curves[metrics.rules.classes[label]]
+    mota = curves["mota"]
+    best = np.inf if np.isnan(mota).all() else curves["confidence"][int(np.nanargmax(mota))]
+    truth = prepared.truth.select(prepared.truth.label == label)
+    tracks = prepared.tracks.select(prepared.tracks.label == label)
+    tracks = tracks.select(tracks.score >= best)
+    counts = [
+        _scene_counts(_of_scene(truth, a, b), _of_scene(tracks, a, b), b - a, metrics)
+        for a, b in zip(*_scene_edges(prepared.samples), strict=True)
+    ]
+    sides = list(zip(*counts, strict=True))
+    return identity.total(sides[0]), hota.total(sides[1])
+
+
+def _scene_edges(samples: Samples) -> tuple[list[int], list[int]]:
+    edges = samples.first.tolist()
+    return edges[:-1], edges[1:]
+
+
+def _of_scene(boxes: BoxTable, first: int, end: int) -> BoxTable:
+    rows = np.arange(*np.searchsorted(boxes.sample, [first, end]))
+    part = boxes.select(rows)
+    part.sample[:] -= first
+    return part
+
+
+def _scene_counts(
+    truth: BoxTable, tracks: BoxTable, frames: int, metrics: Metrics
+) -> tuple[identity.IdentityCounts, hota.HotaCounts]:
+    gate = metrics.rules.match_distance_m
+    pairs = find_pairs(
+        Side(truth.sample, truth.track),
+        Side(tracks.sample, tracks.track),
+        frames,
+        centre_distance(truth.centre_m, tracks.centre_m, gate),
+    )
+    return identity.identity_counts(pairs.within(gate)), hota.hota_counts(pairs)
+
+
+def _figures(ids: identity.IdentityCounts, sums: hota.HotaCounts) -> dict[str, float]:
+    return {
+        **hota.hota(sums).as_dict(),
+        "idf1": ids.idf1,
+        "idp": ids.idp,
+        "idr": ids.idr,
+    }
+
+
+def format_identity(figures: Figures) -> str:
+    """A line per class."""
+    columns = list(figures["all"])
+    lines = ["class        " + "  ".join(name.rjust(7) for name in columns)]
+    for name, row in figures.items():
+        lines.append(name.ljust(13) + "  ".join(f"{row[c]:7.3f}" for c in columns))
+    return "\n".join(lines)
