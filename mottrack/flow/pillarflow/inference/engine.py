@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -43,8 +44,9 @@ class Engine(Protocol):
 class CpuEngine:
     """Folded weights, channels-last convolutions, numba pillars and cost volumes."""
 
-    def __init__(self, weights: Weights) -> None:
-        """Fold once; the weights are left as they are."""
+    def __init__(self, weights: Weights, *, half: bool = False) -> None:
+        """Fold once; `half` runs the convolutions in bfloat16 (matching stays in float32)."""
+        self.half = half
         config = weights.network.config
         self.stride, self.scale = config.output_stride, weights.covariance_scale
         flow = folded(weights.network.flow)
@@ -63,13 +65,20 @@ class CpuEngine:
 
     def run(self, previous: Floats, current: Floats, seen: Floats, cells: CellGrid) -> Motion:
         """Points (N,4) of both sweeps and seen (4,rows,columns) -> motion."""
-        images = [_batched(self.image(points, cells)) for points in (current, previous)]
-        return self.flow_of(images[0], images[1], torch.from_numpy(seen)[None])
+        one, two = (_batched(image) for image in self.images(current, previous, cells))
+        return self.flow_of(one, two, torch.from_numpy(seen)[None])
+
+    def images(self, current: Floats, previous: Floats, cells: CellGrid) -> list[Floats]:
+        """Pseudo-images of both sweeps, side by side (the loops release the lock)."""
+        with ThreadPoolExecutor(min(2, torch.get_num_threads())) as pool:
+            return list(pool.map(lambda points: self.image(points, cells), (current, previous)))
 
     @torch.inference_mode()
     def flow_of(self, current: torch.Tensor, previous: torch.Tensor, seen: torch.Tensor) -> Motion:
         """Pseudo-images (1,C,H,W), channels last -> motion."""
-        return as_motion(self.flow(current, previous, seen), self.stride, self.scale)
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.half):
+            estimate = self.flow(current, previous, seen)
+        return as_motion(estimate, self.stride, self.scale)
 
 
 def as_motion(estimate: Estimate, stride: int, covariance_scale: float) -> Motion:
