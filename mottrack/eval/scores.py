@@ -1,12 +1,13 @@
 """The scores of a run: everything that a table about stored scene results prints.
 
-Boxes are matched by the distance of their centres over the ground, class by class. All figures
-come from one search for candidate pairs per scene and class.
+Boxes are matched by the distance of their centres over the ground, or by 3-D IoU, class by class.
+CLEAR, IDF1 and HOTA come from one search for candidate pairs per scene and class; AMOTA and AMOTP
+have rules of their own, and always go by distance.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,14 @@ from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
 from mottrack.eval.nuscenes.from_results import result_metrics, rules_for
 from mottrack.eval.nuscenes.levels import Curves
-from mottrack.eval.pairs import Pairs, Side, centre_distance, find_pairs
+from mottrack.eval.pairs import F64, Pairs, Side, centre_distance, find_pairs, overlap
 from mottrack.eval.velocity_error import (
     ErrorRow,
     VelocityErrorConfig,
     velocity_samples,
     velocity_table,
 )
+from mottrack.geometry.iou import boxes7, iou_3d
 
 ROUNDING = 1e-9  # a threshold is the mean score of some track, added up in another order
 BoxTable = TypeVar("BoxTable", TruthTable, TrackTable)
@@ -34,9 +36,9 @@ BoxTable = TypeVar("BoxTable", TruthTable, TrackTable)
 class ScoreConfig(StrictModel):
     """How boxes are matched."""
 
-    match_distance_m: float = Field(
-        default=2.0, gt=0, description="centres nearer than this can match"
-    )
+    match_by: Literal["distance", "iou"] = "distance"
+    match_distance_m: float = Field(default=2.0, gt=0, description="centres nearer than this match")
+    match_iou: float = Field(default=0.25, gt=0, le=1, description="3-D IoU from which boxes match")
     class_agnostic: bool = Field(default=False, description="match boxes of any class (clusters)")
     min_score: float | None = Field(
         default=None,
@@ -59,7 +61,10 @@ class ClassScores:
     """Official AMOTP, metres."""
 
     def as_dict(self) -> dict[str, float]:
-        """The figures with their unit in the name; MOTP is a mean distance in metres."""
+        """The figures with their unit in the name.
+
+        MOTP is a mean distance in metres, or 1 - IoU where boxes are matched by IoU.
+        """
         counts = self.clear
         return {
             "amota": self.amota,
@@ -176,8 +181,17 @@ def scene_pairs(result: SceneResult, label: str, threshold: float, config: Score
         Side(truth.frame, truth.id),
         Side(tracks.frame, tracks.id),
         len(result.frames),
-        centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m),
+        _measure(truth, tracks, config),
     )
+
+
+def _measure(
+    truth: TruthTable, tracks: TrackTable, config: ScoreConfig
+) -> Callable[[slice, slice], tuple[F64, F64]]:
+    if config.match_by == "distance":
+        return centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m)
+    boxes = [boxes7(side.centre_m, side.size_m, side.yaw_rad) for side in (truth, tracks)]
+    return overlap(iou_3d, boxes[0], boxes[1])
 
 
 def _seen(truth: TruthTable) -> NDArray[np.bool_]:
@@ -207,7 +221,10 @@ def _rows(table: BoxTable, label: str) -> BoxTable:
 
 
 def _scene_scores(pairs: Pairs, config: ScoreConfig) -> ClassScores:
-    near = pairs.within(config.match_distance_m)
+    gate = config.match_distance_m
+    if config.match_by == "iou":
+        gate = float(np.nextafter(1.0 - config.match_iou, 2.0))
+    near = pairs.within(gate)
     counts = clear.clear_counts(near, clear.associate(near))
     return ClassScores(counts, identity.identity_counts(near), hota.hota_counts(pairs))
 
