@@ -19,7 +19,6 @@ from mottrack.lidar.point_grid import PointGrid, nearest
 from mottrack.lidar.range_image import HIDDEN, RangeImage, state_at
 from mottrack.lidar.residual import translation_icp
 
-
 _COARSE = 30
 """Points of a component that tell its starts apart."""
 _FINE = 2
