@@ -19,11 +19,12 @@ Rule = Literal["hull_centroid", "rectangle_centre", "nearest_corner", "cell_mean
 class ReferenceConfig(StrictModel):
     """Reference point of a cluster and the covariance of its error."""
 
-    rule: Rule = Field("hull_centroid", description="which point of the cluster is its position")
-    sampling_m: float = Field(0.05, gt=0, description="standard deviation of a well-seen small one")
-    spacing_m: float = Field(0.25, ge=0, description="added over the root of the point count")
-    extent_share: float = Field(
-        0.06, ge=0, description="added per metre of extent, along each side"
+    rule: Rule = Field("cell_mean", description="which point of the cluster is its position")
+    sampling_m: float = Field(0.03, gt=0, description="standard deviation of a well-seen point")
+    spacing_m: float = Field(0.1, ge=0, description="added over the root of the point count")
+    extent_share: float = Field(0.02, ge=0, description="added per metre of extent")
+    extent_spacing: float = Field(
+        0.5, ge=0, description="added per metre of extent over the root of the point count"
     )
 
 
@@ -51,11 +52,14 @@ def position_covariance(
 ) -> F64:
     """(G, 2, 2) covariance of the reference point's error.
 
-    Along each side of the smallest rectangle: sampling, which fewer points make worse, and a share
-    of the extent, because the visible part of a long cluster slides along it.
+    Along each side of the smallest rectangle: sampling, and a share of the extent, because the
+    visible part of a long cluster slides along it. Fewer points make both worse. The form was
+    chosen on jumps measured in the embedded world (benchmarks/cluster_reference.py).
     """
-    sampling = config.sampling_m**2 + config.spacing_m**2 / np.maximum(num_points, 1)
-    variance = sampling[:, None] + (config.extent_share * rectangle[:, 2:4]) ** 2
+    count = np.maximum(num_points, 1)
+    sampling = config.sampling_m**2 + config.spacing_m**2 / count
+    share = config.extent_share**2 + config.extent_spacing**2 / count
+    variance = sampling[:, None] + share[:, None] * rectangle[:, 2:4] ** 2
     cos, sin = np.cos(rectangle[:, 4]), np.sin(rectangle[:, 4])
     turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
     covariance: F64 = (turn * variance[:, None, :]) @ turn.transpose(0, 2, 1)

@@ -31,6 +31,8 @@ class Entry:
     seen_ns: int
     held_ns: int = -1
     """Since when the track has been part of a merged cluster; -1 where it is not."""
+    split_ns: int = -1
+    """Since when the track has been seen in pieces; -1 where it is seen whole."""
 
 
 class TrackBook:
@@ -79,6 +81,7 @@ class TrackBook:
             hull=None if objects.hull is None else objects.hull[row],
             hits=1 if old is None else old.hits + 1,
             seen_ns=objects.stamp_ns,
+            split_ns=-1 if old is None else old.split_ns,
         )
 
     def labels(self, slots: NDArray[np.int64]) -> NDArray[np.str_]:

@@ -58,10 +58,17 @@ class GtsamEngine(FixedLagEngine):
             try:
                 net = _eliminate(graph, keys)
             except RuntimeError as failure:
-                good[self._culprit(failure, batch, good)] = False
-            else:
+                good &= batch.slot != _culprit(failure, batch.slot[good])
+                continue
+            roots = self._roots(batch, good, net)
+            mean, covariance = _moments(np.array([r.augmentedJacobianUnweighted() for r in roots]))
+            sound = _sound(mean, covariance)
+            if sound.all():
                 self._store(batch, good, net)
+                kept = batch.slot[good]
+                self._mean[kept], self._covariance[kept] = mean, covariance
                 break
+            good[good] = sound
         return good
 
     def _frame_graph(
@@ -96,35 +103,27 @@ class GtsamEngine(FixedLagEngine):
         for first in range(6, count, 2):
             graph.add(new, current[first : first + 2], target[first : first + 2])
 
+    def _roots(self, batch: NodeBatch, good: NDArray[np.bool_], net: Any) -> list[Any]:
+        """New roots in the order of the rows; raises where the net has lost that order."""
+        last = np.cumsum(np.where(batch.birth[good], 1, 2)) - 1
+        roots = [net.at(position) for position in last.tolist()]
+        for slot, root in zip(batch.slot[good].tolist(), roots, strict=True):
+            chain = self._chains.get(slot)
+            if root.firstFrontalKey() != (slot << _INDEX_BITS) + (chain.count if chain else 0):
+                raise RuntimeError(f"elimination order changed near key {root.firstFrontalKey()}")
+        return roots
+
     def _store(self, batch: NodeBatch, good: NDArray[np.bool_], net: Any) -> None:
         """Takes the conditionals out of the net, which keeps the order of the tracks."""
-        position, jacobians = 0, []
-        births, slots = batch.birth.tolist(), batch.slot.tolist()
-        rows = np.nonzero(good)[0]
-        for row in rows.tolist():
-            chain = self._chains.setdefault(slots[row], _Chain())
-            if not births[row]:
+        position = 0
+        for slot, birth in zip(batch.slot[good].tolist(), batch.birth[good].tolist(), strict=True):
+            chain = self._chains.setdefault(slot, _Chain())
+            if not birth:
                 chain.conditionals.append(net.at(position))
                 position += 1
-            root = net.at(position)
-            position += 1
-            if root.firstFrontalKey() != (slots[row] << _INDEX_BITS) + chain.count:
-                raise RuntimeError(f"elimination order changed near key {root.firstFrontalKey()}")
-            chain.roots.append(root)
+            chain.roots.append(net.at(position))
             chain.count += 1
-            jacobians.append(root.augmentedJacobianUnweighted())
-        slot = batch.slot[rows]
-        self._mean[slot], self._covariance[slot] = _moments(np.array(jacobians))
-
-    @staticmethod
-    def _culprit(failure: RuntimeError, batch: NodeBatch, good: NDArray[np.bool_]) -> int:
-        """Row of the track whose elimination failed; re-raises what names none."""
-        match = _NEAR_VARIABLE.search(str(failure))
-        slot = int(match.group(1)) >> _INDEX_BITS if match else -1
-        found = np.nonzero(good & (batch.slot == slot))[0]
-        if len(found) == 0:
-            raise failure
-        return int(found[0])
+            position += 1
 
     def _drop_oldest(self, slot: int) -> None:
         chain = self._chains[slot]
@@ -174,6 +173,16 @@ class GtsamEngine(FixedLagEngine):
         return spread
 
     def _resolve(self, slots: list[int]) -> None:
+        while slots:
+            try:
+                self._solve_windows(slots)
+            except RuntimeError as failure:
+                culprit = _culprit(failure, np.array(slots))
+                slots = [slot for slot in slots if slot != culprit]
+            else:
+                break
+
+    def _solve_windows(self, slots: list[int]) -> None:
         open_nodes = {slot: self._open_nodes(slot) for slot in slots}
         slots = [slot for slot in slots if open_nodes[slot]]
         owners = [slot for slot in slots for _ in open_nodes[slot]]
@@ -222,6 +231,23 @@ class GtsamEngine(FixedLagEngine):
                 chain.roots = deque([chain.roots[0], *[None] * (size - 2), found[-1]])
             mean, covariance = _moments(found[-1].augmentedJacobianUnweighted()[None])
             self._mean[slot], self._covariance[slot] = mean[0], covariance[0]
+
+
+def _culprit(failure: RuntimeError, slots: NDArray[np.int64]) -> int:
+    """Slot, among those eliminated, of the track that failed; re-raises what names none."""
+    match = _NEAR_VARIABLE.search(str(failure))
+    slot = int(match.group(1)) >> _INDEX_BITS if match else -1
+    if slot not in slots:
+        raise failure
+    return slot
+
+
+def _sound(mean: F64, covariance: F64) -> NDArray[np.bool_]:
+    """(N,) states that are determined: QR pads a singular chain with noise where it can."""
+    variance = np.einsum("nii->ni", covariance)
+    with np.errstate(invalid="ignore"):
+        sound: NDArray[np.bool_] = np.isfinite(mean).all(axis=1) & (variance < 1e12).all(axis=1)
+    return sound
 
 
 def _eliminate(graph: Any, keys: list[int]) -> Any:

@@ -159,7 +159,8 @@ def _joined(objects: Objects, group: I64) -> Objects:
     hull = hulls_of_groups(corners - origin, np.array([0, len(corners)]))
     low = (objects.centre_m[group, 2] - objects.size_m[group, 2] / 2).min()
     high = (objects.centre_m[group, 2] + objects.size_m[group, 2] / 2).max()
-    centre_m = np.append(hull.centroid_m[0] + origin, 0.5 * (low + high))
+    share = size / size.sum()
+    centre_m = np.append(share @ objects.centre_m[group, :2], 0.5 * (low + high))
     size_m = np.append(np.maximum(hull.rectangle[0, 2:4], 0.1), high - low)
     velocity = objects.velocity
     return replace(

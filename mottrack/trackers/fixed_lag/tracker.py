@@ -71,8 +71,10 @@ class FixedLagTracker:
         open_rows = np.nonzero(measurements.usable & ~held.objects)[0]
         matches = self._match(known, held.tracks, objects, measurements, open_rows)
         born = np.setdiff1d(open_rows, matches.object)
-        measurements = self._inherit(known, pairs, born, measurements)
-        seen = self._add_nodes(stamp_ns, known, objects, (matches, born, measurements))
+        heirs = merge_split.parents(pairs, born, self.config.merge_split.inside_share)
+        measurements = self._inherit(known, heirs, measurements)
+        fresh = self._adopt(known, held.tracks, (matches, pairs), heirs)
+        seen = self._add_nodes(stamp_ns, known, objects, (matches, born, fresh, measurements))
         self._huber.refine(self._engine, seen.tolist())
         self._bury(stamp_ns)
         return self._published(stamp_ns, seen)
@@ -106,11 +108,28 @@ class FixedLagTracker:
         if not config.enabled or known.hulls is None or objects.hull is None:
             return objects, merge_split.no_overlaps(len(known.slots), len(objects))
         pairs = merge_split.overlaps(known.hulls, objects.hull)
-        groups = merge_split.fragments(pairs, config)
+        groups = self._recent(known, merge_split.fragments(pairs, config), objects.stamp_ns)
         whole = merge_split.joined(objects, groups, pairs.track_area_m2, config.growth)
         if whole is not objects and whole.hull is not None:
             pairs = merge_split.overlaps(known.hulls, whole.hull)
         return whole, pairs
+
+    def _recent(
+        self, known: _Known, groups: list[tuple[int, I64]], stamp_ns: int
+    ) -> list[tuple[int, I64]]:
+        """Groups of pieces that have not been apart for too long: then they are two objects."""
+        limit_ns = self.config.merge_split.hold_s * 1e9
+        kept = []
+        for track, group in groups:
+            entry = self._book.entries[int(known.slots[track])]
+            if entry.split_ns < 0:
+                entry.split_ns = stamp_ns
+            if stamp_ns - entry.split_ns <= limit_ns:
+                kept.append((track, group))
+        whole = set(range(len(known.slots))) - {track for track, _ in groups}
+        for track in whole:
+            self._book.entries[int(known.slots[track])].split_ns = -1
+        return kept
 
     def _hold_merged(self, known: _Known, pairs: Overlaps, stamp_ns: int) -> _Held:
         """Lets tracks coast that share one merged cluster, for a limited time."""
@@ -151,13 +170,15 @@ class FixedLagTracker:
         stamp_ns: int,
         known: _Known,
         objects: Objects,
-        outcome: tuple[Matches, I64, Measured],
+        outcome: tuple[Matches, I64, dict[int, int], Measured],
     ) -> I64:
         """One new state for every match and birth; returns the slots of those that were taken."""
-        matches, born, measurements = outcome
-        fresh = self._book.reserve(len(born))
+        matches, born, adopted, measurements = outcome
+        fresh = self._book.reserve(len(born) - len(adopted))
+        born = np.concatenate([np.setdiff1d(born, list(adopted)), list(adopted)]).astype(np.int64)
         rows = np.concatenate([matches.object, born])
-        slots = np.concatenate([known.slots[matches.track], fresh])
+        heirs = np.array(list(adopted.values()), np.int64)
+        slots = np.concatenate([known.slots[matches.track], fresh, heirs])
         birth = np.arange(len(rows)) >= len(matches.object)
         innovation = np.zeros((len(rows), 2))
         innovation[~birth, 0] = matches.distance
@@ -181,20 +202,38 @@ class FixedLagTracker:
             self._book.see(slot, objects, row)
         return slots[taken]
 
-    def _inherit(
-        self, known: _Known, pairs: Overlaps, born: I64, measurements: Measured
-    ) -> Measured:
+    def _inherit(self, known: _Known, heirs: dict[int, int], measurements: Measured) -> Measured:
         """Measurements in which pieces of a track without flow get that track's velocity."""
-        orphans = born[~measurements.has_velocity[born]]
-        config = self.config.merge_split
-        heirs = merge_split.parents(pairs, orphans, config.inside_share)
-        if not heirs:
-            return measurements
-        rows = np.array(list(heirs), np.int64)
-        tracks = np.array(list(heirs.values()), np.int64)
+        rows = np.array([row for row in heirs if not measurements.has_velocity[row]], np.int64)
+        tracks = np.array([heirs[row] for row in rows.tolist()], np.int64)
         own = known.belief.covariance[tracks, 2:4, 2:4]
-        spread = own + config.heir_sigma_mps**2 * np.eye(2)
+        spread = own + self.config.merge_split.heir_sigma_mps**2 * np.eye(2)
         return measurements.with_velocity(rows, known.belief.mean[tracks, 2:4], spread)
+
+    def _adopt(
+        self,
+        known: _Known,
+        held: NDArray[np.bool_],
+        found: tuple[Matches, Overlaps],
+        heirs: dict[int, int],
+    ) -> dict[int, int]:
+        """Pieces that carry on a track whose own object is gone: row to slot, with a new chain.
+
+        Such a piece lies beyond the gate because the reference point jumped, not the object.
+        """
+        matches, pairs = found
+        lost = ~held
+        lost[matches.track] = False
+        largest: dict[int, tuple[float, int]] = {}
+        for row, track in heirs.items():
+            entry = self._book.entries[int(known.slots[track])]
+            if lost[track] and entry.hits >= self.config.life.min_hits:
+                candidate = (float(pairs.object_area_m2[row]), row)
+                largest[track] = max(largest.get(track, candidate), candidate)
+        adopted = {row: int(known.slots[track]) for track, (_, row) in largest.items()}
+        for slot in adopted.values():
+            self._engine.release(slot)
+        return adopted
 
     def _bury(self, stamp_ns: int) -> None:
         """Ends tracks that were not seen for too long; merged ones have their own limit."""
