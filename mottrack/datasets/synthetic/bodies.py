@@ -93,12 +93,19 @@ def _truck(rng: np.random.Generator, size_m: Size) -> Body:
     cab_x = 0.5 * length - 0.5 * cab
     waist = 0.55 * cab_top
     build.add_box_with_cuts(
-        (cab_x, 0.0, 0.5 * (low + waist)), (0.5 * cab, 0.48 * width, 0.5 * (waist - low)), (0.2, 0.05), paint
+        (cab_x, 0.0, 0.5 * (low + waist)),
+        (0.5 * cab, 0.48 * width, 0.5 * (waist - low)),
+        (0.2, 0.05),
+        paint,
     )
     tall = 0.5 * (cab_top - waist)
-    build.add_box_with_cuts((cab_x, 0.0, waist + tall), (0.5 * cab, 0.46 * width, tall), (0.2, 0.3), (GLASS, 0.4))
+    build.add_box_with_cuts(
+        (cab_x, 0.0, waist + tall), (0.5 * cab, 0.46 * width, tall), (0.2, 0.3), (GLASS, 0.4)
+    )
     _load(rng, build, (length - cab - 0.4, width, height), (-0.5 * length, low + 0.3))
-    build.add_box_with_cuts((-0.2, 0.0, low + 0.15), (0.46 * length, 0.35 * width, 0.12), (0.0, 0.0), (PLAIN, 0.1))
+    build.add_box_with_cuts(
+        (-0.2, 0.0, low + 0.15), (0.46 * length, 0.35 * width, 0.12), (0.0, 0.0), (PLAIN, 0.1)
+    )
     _wheels(build, size_m, (-0.36, -0.24, 0.36), 0.48)
     return _still(build)
 
@@ -109,27 +116,42 @@ def _load(
     """The load of a truck: from ``place`` (rear end, floor) forward, within ``room``."""
     long, width, top = room
     rear, floor = place
-    kind, colour = str(rng.choice(["box", "box", "bed", "tank"])), (PAINT, float(rng.uniform(0.2, 0.85)))
+    kind, colour = (
+        str(rng.choice(["box", "box", "bed", "tank"])),
+        (PAINT, float(rng.uniform(0.2, 0.85))),
+    )
     x = rear + 0.5 * long
     if kind == "bed":
-        build.add_box_with_cuts((x, 0.0, floor + 0.3), (0.5 * long, 0.5 * width, 0.3), (0.0, 0.0), colour)
+        build.add_box_with_cuts(
+            (x, 0.0, floor + 0.3), (0.5 * long, 0.5 * width, 0.3), (0.0, 0.0), colour
+        )
         heap = float(rng.uniform(0.2, 0.9)) * (top - floor - 0.6)
-        build.add(ELLIPSOID, (x, 0.0, floor + 0.6), (0.45 * long, 0.4 * width, heap), 0.0, (CLOTH, 0.25))
+        build.add(
+            ELLIPSOID, (x, 0.0, floor + 0.6), (0.45 * long, 0.4 * width, heap), 0.0, (CLOTH, 0.25)
+        )
         top_bar = (rear + 0.05, 0.0, top - 0.1)
         build.add_box_with_cuts(top_bar, (0.05, 0.5 * width, 0.1), (0.0, 0.0), colour)
     elif kind == "tank":
         tall = 0.5 * (top - floor)
-        build.add_box_with_cuts((x, 0.0, floor + tall), (0.5 * long, 0.5 * width, tall), (0.5, 0.0), colour)
+        build.add_box_with_cuts(
+            (x, 0.0, floor + tall), (0.5 * long, 0.5 * width, tall), (0.5, 0.0), colour
+        )
     else:
         tall = 0.5 * (top - floor)
-        build.add_box_with_cuts((x, 0.0, floor + tall), (0.5 * long, 0.5 * width, tall), (0.0, 0.0), colour)
+        build.add_box_with_cuts(
+            (x, 0.0, floor + tall), (0.5 * long, 0.5 * width, tall), (0.0, 0.0), colour
+        )
 
 
 def _bus(rng: np.random.Generator, size_m: Size) -> Body:
     length, width, height = size_m
     build, paint = SolidsBuilder(), _paint(rng)
     sill, roof = 1.15, height - 0.45
-    for low, high, surface in ((0.32, sill, paint), (sill, roof, (GLASS, 0.3)), (roof, height, paint)):
+    for low, high, surface in (
+        (0.32, sill, paint),
+        (sill, roof, (GLASS, 0.3)),
+        (roof, height, paint),
+    ):
         half = (0.5 * length, 0.5 * width, 0.5 * (high - low))
         build.add_box_with_cuts((0.0, 0.0, 0.5 * (low + high)), half, (0.15, 0.0), surface)
     _wheels(build, size_m, (-0.28, 0.3), 0.48)
@@ -141,7 +163,9 @@ def _trailer(rng: np.random.Generator, size_m: Size) -> Body:
     build = SolidsBuilder()
     floor = float(rng.uniform(1.0, 1.3))
     _load(rng, build, (length, width, height), (-0.5 * length, floor))
-    build.add_box_with_cuts((0.0, 0.0, floor - 0.12), (0.5 * length, 0.3 * width, 0.12), (0.0, 0.0), (PLAIN, 0.1))
+    build.add_box_with_cuts(
+        (0.0, 0.0, floor - 0.12), (0.5 * length, 0.3 * width, 0.12), (0.0, 0.0), (PLAIN, 0.1)
+    )
     _wheels(build, size_m, (-0.4, -0.3, -0.2), 0.48)
     return _still(build)
 
@@ -201,16 +225,32 @@ def _pedestrian(rng: np.random.Generator, size_m: Size) -> Body:
 def _animal(rng: np.random.Generator, size_m: Size) -> Body:
     length, width, height = size_m
     fur, build = (CLOTH, float(rng.uniform(0.1, 0.6))), SolidsBuilder()
-    build.add(ELLIPSOID, (0.0, 0.0, 0.68 * height), (0.42 * length, 0.45 * width, 0.24 * height), 0.0, fur)
-    build.add(ELLIPSOID, (0.37 * length, 0.0, 0.85 * height), (0.12 * length, 0.3 * width, 0.15 * height), 0.0, fur)
+    build.add(
+        ELLIPSOID, (0.0, 0.0, 0.68 * height), (0.42 * length, 0.45 * width, 0.24 * height), 0.0, fur
+    )
+    build.add(
+        ELLIPSOID,
+        (0.37 * length, 0.0, 0.85 * height),
+        (0.12 * length, 0.3 * width, 0.15 * height),
+        0.0,
+        fur,
+    )
     for x in (-0.3, 0.28):
-        build.add(CYLINDER, (x * length, 0.0, 0.25 * height), (0.05, 0.3 * width, 0.25 * height), 0.0, fur)
+        build.add(
+            CYLINDER, (x * length, 0.0, 0.25 * height), (0.05, 0.3 * width, 0.25 * height), 0.0, fur
+        )
     return Body(build.build(), np.array([0.0, 0.0, 0.12, -0.12]) * length, 0.9 * length)
 
 
 def _ball(rng: np.random.Generator, size_m: Size) -> Body:
     build, radius = SolidsBuilder(), 0.5 * size_m[2]
-    build.add(ELLIPSOID, (0.0, 0.0, radius), (radius, radius, radius), 0.0, (PLAIN, float(rng.uniform(0.2, 0.8))))
+    build.add(
+        ELLIPSOID,
+        (0.0, 0.0, radius),
+        (radius, radius, radius),
+        0.0,
+        (PLAIN, float(rng.uniform(0.2, 0.8))),
+    )
     return _still(build)
 
 

@@ -50,9 +50,9 @@ def find_candidates(scan: Scan, solids: Solids) -> Candidates:
     order = np.argsort(near_m)
     order = order[: np.searchsorted(near_m[order], scan.max_range_m)]
     spans = np.empty((len(order), _SPANS, 2), np.int64)
-    count = np.zeros(len(scan.time_s) + 1, np.int64)
+    count, margin = np.zeros(len(scan.time_s) + 1, np.int64), _margin(scan)
     for i in range(len(order)):
-        _column_spans(scan, solids, order[i], spans[i])
+        _column_spans(scan, solids, order[i], margin, spans[i])
         for k in range(_SPANS):
             for c in range(spans[i, k, 0], spans[i, k, 1]):
                 count[c + 1] += 1
@@ -97,43 +97,61 @@ def solid_pose_at(solids: Solids, p: int, tau_s: float) -> tuple[float, float, f
 
 
 @njit(cache=True)
-def _column_spans(scan: Scan, solids: Solids, p: int, spans: NDArray[np.int64]) -> None:
+def _column_spans(
+    scan: Scan, solids: Solids, p: int, margin: float, spans: NDArray[np.int64]
+) -> None:
     """Fills up to four column ranges: a moving thing at the seam is met twice, or never.
 
     Its azimuth is looked for from the first column and from the last, and one turn before and
     after, since it may stick out over either end of the scan.
     """
     columns = len(scan.time_s)
-    for k in range(_SPANS):
-        column, turns = (0, k - 1) if k < 2 else (columns - 1, k - 2)
-        _one_span(scan, solids, p, (column, turns), spans[k])
-    if spans[2, 0] < spans[1, 1] and spans[1, 0] < spans[2, 1]:
-        spans[1, 0], spans[1, 1] = min(spans[1, 0], spans[2, 0]), max(spans[1, 1], spans[2, 1])
+    spans[:] = 0
+    clear = _one_span(scan, solids, p, (0, 0, margin), spans[0])
+    if clear:
+        return
+    _one_span(scan, solids, p, (0, -1, margin), spans[1])
+    _one_span(scan, solids, p, (columns - 1, 0, margin), spans[2])
+    _one_span(scan, solids, p, (columns - 1, 1, margin), spans[3])
+    if spans[2, 0] < spans[0, 1] and spans[0, 0] < spans[2, 1]:
+        spans[0, 0], spans[0, 1] = min(spans[0, 0], spans[2, 0]), max(spans[0, 1], spans[2, 1])
         spans[2, 0] = spans[2, 1] = 0
 
 
 @njit(cache=True)
 def _one_span(
-    scan: Scan, solids: Solids, p: int, guess: tuple[int, int], span: NDArray[np.int64]
-) -> None:
-    """Fills the range of columns around the column at which the beam meets the moving solid."""
-    column, turns = guess
+    scan: Scan,
+    solids: Solids,
+    p: int,
+    guess: tuple[int, int, float],
+    span: NDArray[np.int64],
+) -> bool:
+    """Fills the range of columns around the column at which the beam meets the moving solid.
+
+    Returns whether that range is well clear of the seam, so that there is no other.
+    """
+    column, turns, margin = guess
     columns = len(scan.time_s)
     step = (scan.azimuth_rad[-1] - scan.azimuth_rad[0]) / max(columns - 1, 1)
     way = np.sign(step)
     shift = width = 0.0
     for _ in range(_FIXED_POINT_STEPS):
+        before = column
         low, high = _span_at(scan, solids, p, column)
         if high >= _WHOLE:
             span[0], span[1] = 0, columns if turns == 0 else 0
-            return
+            return turns == 0
         width = 0.5 * (high - low)
         shift = _wrapped(0.5 * (low + high) - scan.azimuth_rad[0], step) + way * turns * _TURN
         column = min(max(int(shift / step), 0), columns - 1)
-    reach = width * _stretch(scan, solids, p) + _margin(scan)
+        if abs(column - before) < 2:
+            break
+    reach = width * _stretch(scan, solids, p) + margin
     first = int(np.floor((shift - way * reach) / step))
     last = int(np.ceil((shift + way * reach) / step)) + 1
     span[0], span[1] = min(max(first, 0), columns), min(max(last, 0), columns)
+    spare = columns // 20
+    return spare < first and last < columns - spare
 
 
 @njit(cache=True)
@@ -152,7 +170,7 @@ def _stretch(scan: Scan, solids: Solids, p: int) -> float:
     travel = np.hypot(ends[0], ends[1]) + period * np.hypot(vx, vy)
     dx = solids.centre_m[p, 0] - scan.origin_m[0, 0]
     dy = solids.centre_m[p, 1] - scan.origin_m[0, 1]
-    return 1.05 + 0.5 * travel / max(np.hypot(dx, dy) - travel, 1.0)
+    return float(1.05 + 0.5 * travel / max(np.hypot(dx, dy) - travel, 1.0))
 
 
 @njit(cache=True)
@@ -161,7 +179,7 @@ def _margin(scan: Scan) -> float:
     up = scan.rotation[0, 2, 2]
     tilt = np.sqrt(max(1.0 - up * up, 0.0)) * 1.1 + 0.002
     steepest = np.tan(np.max(np.abs(scan.elevation_rad)))
-    return tilt * steepest + np.max(np.abs(scan.offset_rad)) + 0.006
+    return float(tilt * steepest + np.max(np.abs(scan.offset_rad)) + 0.006)
 
 
 @njit(cache=True)

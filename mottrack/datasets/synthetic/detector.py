@@ -118,9 +118,7 @@ def detect(
     false = np.flatnonzero(clock.uniforms(ghosts.id, 20) < rates)
     rng = np.random.default_rng(np.random.SeedSequence(clock.seed, spawn_key=(30, clock.stamp_ns)))
     shape = _quality_shape(chance)
-    quality = np.concatenate(
-        [rng.beta(*shape[:, hit]), rng.beta(*_GHOST_QUALITY, size=len(false))]
-    )
+    quality = np.concatenate([rng.beta(*shape[:, hit]), rng.beta(*_GHOST_QUALITY, size=len(false))])
     score = _posterior(quality, (chance, shape), rates)
     found = [_blurred(seen, hit, config, rng), _blurred(ghosts, false, config, rng)]
     centre, size, yaw, label = (np.concatenate(pair) for pair in zip(*found, strict=True))

@@ -66,7 +66,9 @@ def simulate(traffic: Traffic, signals: Signals, times_s: tuple[float, float]) -
     """Moves everybody from a first to a last time in steps of STEP_S."""
     steps = round((times_s[1] - times_s[0]) / STEP_S) + 1
     start = (traffic.start_m, traffic.speed_mps)
-    return _simulate(actors_of(traffic), traffic.paths, signals, start, (steps, times_s[0]))
+    clock = (steps, times_s[0])
+    motion: Motion = _simulate(actors_of(traffic), traffic.paths, signals, start, clock)
+    return motion
 
 
 @njit(cache=True)
@@ -141,7 +143,7 @@ def _acceleration(
         gap, leader = to_line, 0.0
     if red and np.isinf(actors.stop_m[i]) and s < _KERB_M:
         gap, leader = min(gap, 0.05), 0.0
-    return _following(driver, (v, max(wish, 0.3)), (gap, leader))
+    return float(_following(driver, (v, max(wish, 0.3)), (gap, leader)))
 
 
 @njit(cache=True)
@@ -155,7 +157,7 @@ def _following(
     wanted = driver[2] + max(v * driver[3] + v * (v - leader) / (2.0 * np.sqrt(a * b)), 0.0)
     free = 1.0 - min(v / wish, 2.0) ** 4
     brake = (wanted / max(gap, 0.1)) ** 2 if gap < 1e6 else 0.0
-    return max(a * (free - brake), -_HARDEST_MPS2)
+    return float(max(a * (free - brake), -_HARDEST_MPS2))
 
 
 @njit(cache=True)
@@ -187,7 +189,12 @@ def _gap_ahead(
         dx, dy = boxes[j, 0] - boxes[i, 0], boxes[j, 1] - boxes[i, 1]
         reach = look + boxes[j, 3] + boxes[i, 3]
         ahead = dx * np.cos(boxes[i, 2]) + dy * np.sin(boxes[i, 2])
-        if i == j or actors.towed_by[j] == i or dx * dx + dy * dy > reach * reach or ahead < -0.5 * look:
+        if (
+            i == j
+            or actors.towed_by[j] == i
+            or dx * dx + dy * dy > reach * reach
+            or ahead < -0.5 * look
+        ):
             continue
         gap, heading = _first_inside(paths, actors, boxes[j], (i, front, min(look, best), side))
         if gap < best:

@@ -38,7 +38,9 @@ def ego_posture(world: World, time_s: float) -> NDArray[np.float64]:
 
 def _settled(world: World, wheels_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4,) ground heights at the wheels, smoothed over a tyre's and a spring's reach."""
-    ring = 0.5 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [2, 0], [-2, 0], [0, 2], [0, -2]])
+    ring = 0.5 * np.array(
+        [[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [2, 0], [-2, 0], [0, 2], [0, -2]]
+    )
     around = (wheels_m[:, None, :] + ring).reshape(-1, 2)
     return np.asarray(heights_at(world.terrain, around).reshape(4, -1).mean(axis=1))
 
@@ -73,10 +75,18 @@ class PoseError:
     """Error of the speed that motion compensation uses, as a share."""
 
 
-def odometry(true: NDArray[np.float64], error: PoseError, rng: np.random.Generator, time_s: float) -> Pose:
+def odometry(
+    true: NDArray[np.float64], error: PoseError, rng: np.random.Generator, time_s: float
+) -> Pose:
     """``world_T_ego`` as the vehicle believes it, for a true (6,) posture."""
     phase = np.array([0.0, 1.3, 2.1, 0.7, 1.9, 2.9])
     drift = np.sin(0.31 * time_s + phase) - np.sin(phase)
-    scale = np.array([error.drift_m] * 2 + [0.3 * error.drift_m, error.drift_rad] + [0.3 * error.drift_rad] * 2)
-    jitter = np.array([error.jitter_m] * 2 + [0.5 * error.jitter_m, error.jitter_rad] + [0.5 * error.jitter_rad] * 2)
+    scale = np.array(
+        [error.drift_m] * 2 + [0.3 * error.drift_m, error.drift_rad] + [0.3 * error.drift_rad] * 2
+    )
+    jitter = np.array(
+        [error.jitter_m] * 2
+        + [0.5 * error.jitter_m, error.jitter_rad]
+        + [0.5 * error.jitter_rad] * 2
+    )
     return pose_of(true + scale * drift + jitter * rng.standard_normal(6))

@@ -25,7 +25,8 @@ def lay_ground(rng: np.random.Generator, network: RoadNetwork, extent: Extent) -
     height = _waves(rng, x, y)
     kerb = 0.0 if network.kind == "motorway" else float(rng.uniform(0.08, 0.16))
     height += kerb * (surface != ASPHALT)
-    rough: NDArray[np.float64] = np.where(surface == GRASS, *rng.uniform([0.03, 0.006], [0.2, 0.04]))
+    grass, paved = float(rng.uniform(0.03, 0.2)), float(rng.uniform(0.006, 0.04))
+    rough = np.where(surface == GRASS, grass, paved)
     height += rough * (rng.random(surface.shape, dtype=np.float32) - np.float32(0.5))
     frame = (extent[0], extent[2], 1.0 / CELL_M)
     return Terrain(height.astype(np.float32), surface, frame, STEEPEST + 0.02)
@@ -47,9 +48,7 @@ def _waves(
     return np.asarray(height + crest)
 
 
-def _surfaces(
-    network: RoadNetwork, extent: Extent, shape: tuple[int, int]
-) -> NDArray[np.int8]:
+def _surfaces(network: RoadNetwork, extent: Extent, shape: tuple[int, int]) -> NDArray[np.int8]:
     surface = np.full(shape, GRASS, dtype=np.int8)
     for road in network.roads:
         _paint(surface, extent, road, (road.profile.half_m, CONCRETE))

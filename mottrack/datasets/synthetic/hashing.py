@@ -39,4 +39,4 @@ def bell(bits: np.uint64) -> float:
     total += np.float64((bits >> np.uint64(16)) & _MASK_16)
     total += np.float64((bits >> np.uint64(32)) & _MASK_16)
     total += np.float64(bits >> np.uint64(48))
-    return (total - 131070.0) * _IRWIN_HALL_SCALE
+    return float((total - 131070.0) * _IRWIN_HALL_SCALE)

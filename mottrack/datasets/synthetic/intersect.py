@@ -46,9 +46,7 @@ def hit_box(
 
 
 @njit(cache=True, error_model="numpy")
-def _clip_upright_edges(
-    hit: Hit, origin: Vector, direction: Vector, reach_m: float
-) -> Hit:
+def _clip_upright_edges(hit: Hit, origin: Vector, direction: Vector, reach_m: float) -> Hit:
     """|x| + |y| <= reach_m: the box loses its four upright edges."""
     half = reach_m * _SQRT_HALF
     for sign in (1.0, -1.0):
@@ -78,9 +76,7 @@ def _clip_upper_edges(
 
 
 @njit(cache=True, error_model="numpy")
-def hit_ellipsoid(
-    origin: Vector, direction: Vector, half_m: Vector
-) -> Hit:
+def hit_ellipsoid(origin: Vector, direction: Vector, half_m: Vector) -> Hit:
     """Ray against an ellipsoid centred at the origin."""
     a = b = c = 0.0
     for axis in range(3):
@@ -106,13 +102,11 @@ def _ellipsoid_cosine(
     for axis in range(3):
         gradient = (origin[axis] + near * direction[axis]) / (half_m[axis] * half_m[axis])
         dot, norm = dot + gradient * direction[axis], norm + gradient * gradient
-    return abs(dot) / np.sqrt(norm)
+    return float(abs(dot) / np.sqrt(norm))
 
 
 @njit(cache=True, error_model="numpy")
-def hit_cylinder(
-    origin: Vector, direction: Vector, half_m: Vector
-) -> Hit:
+def hit_cylinder(origin: Vector, direction: Vector, half_m: Vector) -> Hit:
     """Ray against an upright elliptic cylinder centred at the origin."""
     a = b = c = 0.0
     for axis in range(2):
@@ -125,4 +119,5 @@ def hit_cylinder(
     near, far = (-b - root) / a, (-b + root) / a
     side = np.sqrt(1.0 - direction[2] * direction[2])
     hit = (near, far, side * root / np.sqrt(a))
-    return clip_slab(hit, origin[2], direction[2], half_m[2])
+    capped: Hit = clip_slab(hit, origin[2], direction[2], half_m[2])
+    return capped

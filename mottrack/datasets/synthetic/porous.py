@@ -11,10 +11,10 @@ from mottrack.datasets.synthetic.hashing import mix, unit
 from mottrack.datasets.synthetic.intersect import Vector
 
 _CLUMP_M = 0.35
-_CLUMP_PEAK = 4.0
+_CLUMP_PEAK = 2.5
 _MAX_STEPS = 24
 _STOREY_M = 3.0
-_INTERIOR_M = 1.6
+_INTERIOR_M = 1.3
 
 
 class Chord(NamedTuple):
@@ -32,7 +32,7 @@ def _clump(origin: Vector, direction: Vector, t: float) -> float:
     j = int(np.floor((origin[1] + t * direction[1]) / _CLUMP_M))
     k = int(np.floor((origin[2] + t * direction[2]) / _CLUMP_M))
     u = unit(mix(np.uint64(977), (i + 512) * 1048576 + (j + 512) * 1024 + k + 512))
-    return _CLUMP_PEAK * u * u * u
+    return float(_CLUMP_PEAK * u * np.sqrt(u))
 
 
 @njit(cache=True)
@@ -60,7 +60,7 @@ def inside_return(
             return np.inf
         accept = unit(mix(chord.bits, 2 * step + 2)) * _CLUMP_PEAK
         if not clumped or accept < _clump(origin, direction, t):
-            return t
+            return float(t)
     return np.inf
 
 
@@ -89,6 +89,6 @@ def window_return(
     u = unit(mix(chord.bits, 1))
     if u < curtain * cosine:
         return enter, cosine
-    if u < 0.7:
+    if u < 0.8:
         return enter, 0.0
     return enter - _INTERIOR_M * np.log(unit(mix(chord.bits, 2))), 0.5

@@ -57,7 +57,8 @@ class Returns(NamedTuple):
 def cast(scan: Scan, world: World, seed: int) -> Returns:
     """What every beam of ``scan`` meets in ``world``, the same for the same seed."""
     candidates = find_candidates(scan, world.solids)
-    return _cast(scan, world, candidates, np.uint64(seed))
+    returns: Returns = _cast(scan, world, candidates, np.uint64(seed))
+    return returns
 
 
 @njit(cache=True, error_model="numpy")
@@ -131,8 +132,14 @@ def _describe(world: World) -> NDArray[np.float64]:
             row[_HALF + axis] = solids.half_m[p, axis]
         row[_CUTS], row[_CUTS + 1] = solids.chamfer_m[p, 0], solids.chamfer_m[p, 1]
         row[_KIND], row[_OPACITY] = solids.kind[p], materials.opacity[material]
-        row[_DENSITY], row[_CLUMPED] = materials.density_per_m[material], materials.clumped[material]
-        row[_PITCH], row[_SHARE] = materials.window_pitch_m[material], materials.window_share[material]
+        row[_DENSITY], row[_CLUMPED] = (
+            materials.density_per_m[material],
+            materials.clumped[material],
+        )
+        row[_PITCH], row[_SHARE] = (
+            materials.window_pitch_m[material],
+            materials.window_share[material],
+        )
         row[_MATERIAL], row[_NUMBER], row[_TOP] = material, p, row[_HALF + 2]
         row[_RADIUS] = np.hypot(row[_HALF], row[_HALF + 1])
     return table
@@ -256,7 +263,7 @@ def _meet(
     if enter > 0.0 and (opacity >= 1.0 or unit(bits) < opacity):
         if near[i, _PITCH] > 0.0:
             windows = (near[i, _PITCH], near[i, _SHARE])
-            return window_return(windows, chord, origin, direction, cosine)
+            enter, cosine = window_return(windows, chord, origin, direction, cosine)
         return enter, cosine
     if near[i, _DENSITY] > 0.0:
         leaves = (near[i, _DENSITY], near[i, _CLUMPED] > 0.0)
@@ -269,10 +276,12 @@ def _geometry(near: NDArray[np.float64], i: int, origin: Vector, direction: Vect
     half = (near[i, _HALF], near[i, _HALF + 1], near[i, _HALF + 2])
     kind = int(near[i, _KIND])
     if kind == BOX:
-        return hit_box(origin, direction, half, (near[i, _CUTS], near[i, _CUTS + 1]))
-    if kind == CYLINDER:
-        return hit_cylinder(origin, direction, half)
-    return hit_ellipsoid(origin, direction, half)
+        hit: Hit = hit_box(origin, direction, half, (near[i, _CUTS], near[i, _CUTS + 1]))
+    elif kind == CYLINDER:
+        hit = hit_cylinder(origin, direction, half)
+    else:
+        hit = hit_ellipsoid(origin, direction, half)
+    return hit
 
 
 def owners(returns: Returns, solids: Solids) -> NDArray[np.int64]:

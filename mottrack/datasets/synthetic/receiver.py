@@ -74,7 +74,10 @@ def receive(
                 points.range_m[count], points.reflectance[count] = range_m, reflectance
                 count += 1
     return Points(
-        points.column[:count], points.ring[:count], points.range_m[:count], points.reflectance[:count]
+        points.column[:count],
+        points.ring[:count],
+        points.range_m[:count],
+        points.reflectance[:count],
     )
 
 

@@ -110,7 +110,9 @@ def _profile(rng: np.random.Generator, kind: str) -> Profile:
     if kind == "residential":
         parking = 2.2 if rng.random() < 0.75 else 0.0
         width, speed = rng.uniform(2.8, 3.4), rng.uniform(7.0, 12.0)
-        return Profile(1, float(width), 0.0, 0.0, parking, float(rng.uniform(1.5, 3.0)), float(speed))
+        return Profile(
+            1, float(width), 0.0, 0.0, parking, float(rng.uniform(1.5, 3.0)), float(speed)
+        )
     lanes = int(rng.choice([1, 2, 2, 3]))
     cycle = 1.6 if rng.random() < 0.5 else 0.0
     parking = 2.3 if rng.random() < 0.6 else 0.0
@@ -132,7 +134,7 @@ def _curvature(rng: np.random.Generator, reach_m: float, bend_per_m: float) -> N
     s = np.arange(0.0, reach_m, STEP_M)
     knots = np.arange(0.0, reach_m + 60.0, 60.0)
     values = rng.normal(0.0, bend_per_m, len(knots)) * (knots > _STRAIGHT_M)
-    return np.interp(s, knots, values) * np.clip((s - _STRAIGHT_M) / 20.0, 0.0, 1.0)
+    return np.asarray(np.interp(s, knots, values) * np.clip((s - _STRAIGHT_M) / 20.0, 0.0, 1.0))
 
 
 def _routes(network: RoadNetwork) -> list[Route]:
@@ -152,7 +154,9 @@ def directed(road: Road, direction: int, lateral_m: float) -> tuple[Curve, float
     line = road.centre if direction == 0 else road.centre.reversed()
     origin = road.origin_s_m if direction == 0 else road.centre.length_m - road.origin_s_m
     curve = line.offset(-lateral_m)
-    near = int(np.argmin(np.hypot(*(curve.xy_m - line.at(np.array([origin]), np.zeros(1))[0, :2]).T)))
+    near = int(
+        np.argmin(np.hypot(*(curve.xy_m - line.at(np.array([origin]), np.zeros(1))[0, :2]).T))
+    )
     return curve, near * STEP_M
 
 
@@ -178,7 +182,11 @@ def _turning(
     """The route that turns from a lane of one road into the other road."""
     index, direction, _ = lane
     other = network.roads[1 - index]
-    into = (direction if left else 1 - direction) if index == 0 else (1 - direction if left else direction)
+    into = (
+        (direction if left else 1 - direction)
+        if index == 0
+        else (1 - direction if left else direction)
+    )
     number = 0 if left else other.profile.lanes - 1
     curve, origin = directed(other, into, other.profile.lane_m(number))
     before = entry[0].part(0.0, entry[1] + 1.0)

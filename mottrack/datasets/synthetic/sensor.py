@@ -41,7 +41,7 @@ class SensorModel:
 
 
 def _degrees(*values: float) -> NDArray[np.float64]:
-    return np.deg2rad(np.array(values))
+    return np.asarray(np.deg2rad(values))
 
 
 def _fan(rings: int, low_deg: float, high_deg: float, focus: float = 0.0) -> NDArray[np.float64]:
@@ -57,12 +57,13 @@ def _two_blocks() -> NDArray[np.float64]:
     """32 beams in thirds of a degree above 32 in halves, as on the 64-beam roof sensors."""
     lower = np.linspace(-24.33, -8.83, 32)
     upper = np.linspace(-8.33, 2.0, 32)
-    return np.deg2rad(np.concatenate([lower, upper]))
+    return np.asarray(np.deg2rad(np.concatenate([lower, upper])))
 
 
 def _stagger(rings: int, span_deg: float, period: int = 4) -> NDArray[np.float64]:
     """Azimuth offsets of beams that do not stand in one line."""
-    return np.deg2rad(span_deg) * ((np.arange(rings) % period) / max(period - 1, 1) - 0.5)
+    place = (np.arange(rings) % period) / max(period - 1, 1) - 0.5
+    return np.asarray(np.deg2rad(span_deg) * place)
 
 
 def _catalogue() -> dict[str, SensorModel]:
@@ -82,9 +83,22 @@ def _catalogue() -> dict[str, SensorModel]:
         SensorModel("blocks64", _two_blocks(), np.zeros(64), 2000, 120.0, 135.0, 0.015, 0.06),
         SensorModel("uneven64", crowded64, _stagger(64, 4.2), 1800, 150.0, 170.0, 0.015, 0.04),
         SensorModel("stacked64", stacked, _stagger(64, 2.8, 2), 1800, 150.0, 140.0, 0.015, 0.04),
-        SensorModel("uniform64", _fan(64, -22.5, 22.5), np.zeros(64), 1024, 120.0, 110.0, 0.015, 0.05),
-        SensorModel("uniform128", _fan(128, -22.5, 22.5), np.zeros(128), 1024, 150.0, 120.0, 0.015, 0.05),
-        SensorModel("uneven128", _fan(128, -25.0, 15.0, 0.8), _stagger(128, 5.0), 1800, 200.0, 190.0, 0.012, 0.03),
+        SensorModel(
+            "uniform64", _fan(64, -22.5, 22.5), np.zeros(64), 1024, 120.0, 110.0, 0.015, 0.05
+        ),
+        SensorModel(
+            "uniform128", _fan(128, -22.5, 22.5), np.zeros(128), 1024, 150.0, 120.0, 0.015, 0.05
+        ),
+        SensorModel(
+            "uneven128",
+            _fan(128, -25.0, 15.0, 0.8),
+            _stagger(128, 5.0),
+            1800,
+            200.0,
+            190.0,
+            0.012,
+            0.03,
+        ),
     )
     return {model.name: model for model in models}
 
@@ -131,4 +145,6 @@ def _invented(rng: np.random.Generator) -> SensorModel:
     focus = rng.uniform(0.0, 0.85) if rng.random() < 0.6 else 0.0
     elevation = _fan(rings, float(low), float(high), float(focus))
     offset = _stagger(rings, float(rng.uniform(0.0, 6.0)), int(rng.choice([1, 2, 4, 8])))
-    return SensorModel("invented", elevation, offset, 1200, 120.0, float(rng.uniform(90, 180)), 0.02, 0.05)
+    return SensorModel(
+        "invented", elevation, offset, 1200, 120.0, float(rng.uniform(90, 180)), 0.02, 0.05
+    )

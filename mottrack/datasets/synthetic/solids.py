@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,9 +92,11 @@ class SolidsBuilder:
 
 def concatenate(parts: Sequence[Solids]) -> Solids:
     """All solids of all parts, in that order."""
-    return Solids(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    together: list[Any] = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+    return Solids(*together)
 
 
 def select(solids: Solids, index: NDArray[np.bool_] | NDArray[np.int64]) -> Solids:
     """The solids that a mask or an index picks."""
-    return Solids(*(array[index] for array in solids))
+    picked: list[Any] = [array[index] for array in solids]
+    return Solids(*picked)

@@ -72,7 +72,9 @@ def pole(verge: Verge, spot: Spot) -> None:
     if rng.random() < 0.55:
         plate = (0.02, float(rng.uniform(0.2, 0.5)), float(rng.uniform(0.2, 0.5)))
         centre = (x, y, z + min(height - 0.4, 2.4))
-        verge.build.add(BOX, centre, plate, spot.yaw_rad + float(rng.normal(0.0, 0.2)), (SIGN, 0.95))
+        verge.build.add(
+            BOX, centre, plate, spot.yaw_rad + float(rng.normal(0.0, 0.2)), (SIGN, 0.95)
+        )
 
 
 def clutter(verge: Verge, spot: Spot) -> None:
@@ -160,7 +162,12 @@ def _house(verge: Verge, ends: tuple[float, float], back_m: float) -> None:
     for _ in range(int(rng.integers(0, 4))):
         at = ends[0] + float(rng.uniform(0.1, 0.9)) * width
         out = float(rng.uniform(0.15, 0.7))
-        verge.wall((at, at + float(rng.uniform(0.4, 2.5))), back_m - out, (out + 0.1, height * 0.8), (PLAIN, albedo))
+        verge.wall(
+            (at, at + float(rng.uniform(0.4, 2.5))),
+            back_m - out,
+            (out + 0.1, height * 0.8),
+            (PLAIN, albedo),
+        )
     if rng.random() < 0.3:
         _canopy(verge, ends, back_m)
 
@@ -181,7 +188,12 @@ def garden_line(verge: Verge, span: tuple[float, float], back_m: float) -> None:
         width = float(rng.uniform(5.0, 18.0))
         ends, u = (s, s + width), rng.random()
         if u < 0.3:
-            verge.wall(ends, back_m, (float(rng.uniform(0.5, 1.0)), float(rng.uniform(0.9, 2.2))), (HEDGE, 0.4))
+            verge.wall(
+                ends,
+                back_m,
+                (float(rng.uniform(0.5, 1.0)), float(rng.uniform(0.9, 2.2))),
+                (HEDGE, 0.4),
+            )
         elif u < 0.55:
             verge.wall(ends, back_m, (0.06, float(rng.uniform(0.9, 1.8))), (FENCE, 0.3))
         elif u < 0.68:
@@ -194,7 +206,9 @@ def garden_line(verge: Verge, span: tuple[float, float], back_m: float) -> None:
 
 def _garden(verge: Verge, ends: tuple[float, float], back_m: float) -> None:
     for _ in range(int(verge.rng.integers(0, 4))):
-        spot = verge.spot(float(verge.rng.uniform(*ends)), back_m + float(verge.rng.uniform(1.0, 8.0)))
+        spot = verge.spot(
+            float(verge.rng.uniform(*ends)), back_m + float(verge.rng.uniform(1.0, 8.0))
+        )
         if not verge.on_road(spot, 1.2):
             (tree if verge.rng.random() < 0.45 else bush)(verge, spot)
 
@@ -211,7 +225,9 @@ def guard_rail(verge: Verge, span: tuple[float, float], beyond_m: float) -> None
         verge.build.add(BOX, middle, half, yaw, _STEEL)
         for at in (s, s + 4.0):
             spot = verge.spot(at, beyond_m + 0.1)
-            verge.build.add(BOX, (spot.x_m, spot.y_m, spot.z_m + 0.35), (0.05, 0.05, 0.35), yaw, _STEEL)
+            verge.build.add(
+                BOX, (spot.x_m, spot.y_m, spot.z_m + 0.35), (0.05, 0.05, 0.35), yaw, _STEEL
+            )
         s = end
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -14,7 +14,7 @@ from mottrack.datasets.synthetic.culling import Scan
 from mottrack.datasets.synthetic.ego import PoseError, ego_posture, odometry, rotations
 from mottrack.datasets.synthetic.receiver import Points, Receiver, is_ground, receive
 from mottrack.datasets.synthetic.sensor import SensorModel
-from mottrack.datasets.synthetic.solids import BACKGROUND, Solids
+from mottrack.datasets.synthetic.solids import BACKGROUND
 from mottrack.datasets.synthetic.states import States
 from mottrack.datasets.synthetic.world import World
 
@@ -47,7 +47,7 @@ class Rig:
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     """Pitch and roll of the sensor against the vehicle (known to the calibration)."""
     edge_share: float = 0.15
-    pose_error: PoseError = PoseError()
+    pose_error: PoseError = field(default_factory=PoseError)
 
 
 @dataclass(frozen=True)
@@ -167,9 +167,8 @@ def _turned(
     rotation: NDArray[np.float64], c: int, axis: int, ray: tuple[float, float, float]
 ) -> float:
     """One coordinate of a direction turned by the rotation of a column."""
-    return (
-        rotation[c, axis, 0] * ray[0] + rotation[c, axis, 1] * ray[1] + rotation[c, axis, 2] * ray[2]
-    )
+    level = rotation[c, axis, 0] * ray[0] + rotation[c, axis, 1] * ray[1]
+    return float(level + rotation[c, axis, 2] * ray[2])
 
 
 def _velocities(
@@ -187,4 +186,3 @@ def _velocities(
     rate = states.yaw_rate_radps[who]
     out[hit] = velocity + np.column_stack([-rate * arm[:, 1], rate * arm[:, 0]])
     return out.astype(np.float32)
-

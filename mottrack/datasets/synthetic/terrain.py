@@ -37,7 +37,7 @@ def height_at(height_m: NDArray[np.float32], frame: Frame, x_m: float, y_m: floa
     u, v = u - col, v - row
     low = height_m[row, col] + (height_m[row, col + 1] - height_m[row, col]) * u
     high = height_m[row + 1, col] + (height_m[row + 1, col + 1] - height_m[row + 1, col]) * u
-    return low + (high - low) * v
+    return float(low + (high - low) * v)
 
 
 @njit(cache=True)
@@ -130,4 +130,4 @@ def ground_cosine(
     slope_x = (height_m[row, col + 1] - here) * frame[2]
     slope_y = (height_m[row + 1, col] - here) * frame[2]
     norm = np.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
-    return abs(direction[2] - slope_x * direction[0] - slope_y * direction[1]) / norm
+    return float(abs(direction[2] - slope_x * direction[0] - slope_y * direction[1]) / norm)

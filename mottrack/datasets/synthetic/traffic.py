@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mottrack.datasets.synthetic.catalogue import KINDS, draw_size
 from mottrack.datasets.synthetic.curves import Paths, stack
-from mottrack.datasets.synthetic.roads import Route, RoadNetwork
+from mottrack.datasets.synthetic.roads import RoadNetwork, Route
 
 _VEHICLES = ("car", "truck", "bus", "trailer", "motorcycle")
 _SHARES = {
@@ -88,9 +88,13 @@ def populate(
         if route.kind == "cycle":
             drafts += _fill_sparsely(rng, network, number, ("bicycle", 70.0 / density.vehicles))
         elif route.kind == "walk":
-            drafts += _fill_sparsely(rng, network, number, ("pedestrian", 26.0 / density.pedestrians))
+            drafts += _fill_sparsely(
+                rng, network, number, ("pedestrian", 26.0 / density.pedestrians)
+            )
         elif route.kind == "cross":
-            drafts += _fill_sparsely(rng, network, number, ("pedestrian", 12.0 / density.pedestrians))
+            drafts += _fill_sparsely(
+                rng, network, number, ("pedestrian", 12.0 / density.pedestrians)
+            )
     return _assemble(network, drafts)
 
 
@@ -102,7 +106,9 @@ def _ego(rng: np.random.Generator, network: RoadNetwork, ego_start_m: float) -> 
     road = network.roads[0]
     s = max(road.origin_s_m - ego_start_m, 20.0)
     speed = network.routes[path].speed_limit_mps * rng.uniform(0.3, 1.0)
-    return _Draft("car", (4.6, 1.85, 1.6), path, float(s), float(speed), 0.95, 0.0, (0.1, 60.0, 0.0))
+    return _Draft(
+        "car", (4.6, 1.85, 1.6), path, float(s), float(speed), 0.95, 0.0, (0.1, 60.0, 0.0)
+    )
 
 
 def _fill_lane(
@@ -141,7 +147,11 @@ def _vehicle(
     path = int(rng.choice(usable, p=weights / weights.sum()))
     kind = KINDS[label]
     wish = max(kind.speed[0] + kind.speed[1] * float(rng.normal()), 0.5)
-    sway = (kind.sway_m * float(rng.uniform(0.2, 1.0)), float(rng.uniform(40, 90)), float(rng.uniform(0, 6)))
+    sway = (
+        kind.sway_m * float(rng.uniform(0.2, 1.0)),
+        float(rng.uniform(40, 90)),
+        float(rng.uniform(0, 6)),
+    )
     speed = min(flow, network.routes[path].speed_limit_mps) * wish
     lateral = float(np.clip(rng.normal(0.0, 0.12), -0.3, 0.3))
     size = draw_size(rng, label)
@@ -183,7 +193,9 @@ def _person(
     standing = route.kind == "walk" and rng.random() < 0.25
     wish = max(kind.speed[0] + kind.speed[1] * float(rng.normal()), 0.4)
     reach = 1.4 if route.kind == "cross" else max(min(0.9, room), 0.4)
-    lateral = -float(rng.uniform(0.35, reach)) if label == "pedestrian" else float(rng.uniform(-0.3, 0.3))
+    lateral = (
+        -float(rng.uniform(0.35, reach)) if label == "pedestrian" else float(rng.uniform(-0.3, 0.3))
+    )
     speed = wish * route.speed_limit_mps
     if standing:
         wish, speed, lateral = 0.0, 0.0, float(rng.choice([-room, room]))

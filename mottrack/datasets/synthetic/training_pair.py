@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -17,6 +17,7 @@ from mottrack.datasets.synthetic.world import World, WorldPlan, build_world
 
 _WORLD, _RIG, _FIRST, _SECOND = range(4)
 _WARM_UP_S = 0.3
+_SIGHT_M = 85.0
 
 
 class TrainingConfig(StrictModel):
@@ -45,9 +46,7 @@ class TrainingPair:
     previous_truth: PointTruth
 
 
-def training_pair(
-    seed: int, index: int, config: TrainingConfig | None = None
-) -> TrainingPair:
+def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -> TrainingPair:
     """Builds pair ``index`` of a seed: the same on every call and in any process.
 
     Args:
@@ -76,7 +75,7 @@ def _world(rng: np.random.Generator, interval_s: float) -> World:
         parked=float(rng.uniform(0.6, 1.1)),
         unknown=2.0,
     )
-    return build_world(rng, WorldPlan("random", density, interval_s, _WARM_UP_S))
+    return build_world(rng, WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M))
 
 
 def _rig(rng: np.random.Generator, config: TrainingConfig, interval_s: float) -> Rig:
@@ -84,7 +83,7 @@ def _rig(rng: np.random.Generator, config: TrainingConfig, interval_s: float) ->
     tilt = np.deg2rad(config.worst_tilt_deg) * rng.uniform(-1.0, 1.0, 2)
     turn = min(interval_s, float(rng.choice([0.05, 0.1], p=[0.3, 0.7])))
     return Rig(
-        sensor=random_sensor(rng),
+        sensor=replace(random_sensor(rng), max_range_m=_SIGHT_M),
         period_s=turn,
         rolling=bool(rng.random() < config.rolling_share),
         tilt_rad=(float(tilt[0]), float(tilt[1])),

@@ -57,7 +57,7 @@ class Strays:
         tau = np.mod(time_s, period) * flies
         height = self.bounce_mps * tau - 0.5 * _GRAVITY_MPS2 * tau**2
         climb = (self.bounce_mps - _GRAVITY_MPS2 * tau) * flies
-        return np.maximum(height, 0.0), climb, -_GRAVITY_MPS2 * flies
+        return np.maximum(height, 0.0), climb, np.where(flies, -_GRAVITY_MPS2, 0.0)
 
 
 def draw_strays(

@@ -22,7 +22,6 @@ from mottrack.datasets.synthetic.terrain import Terrain, heights_at
 from mottrack.datasets.synthetic.traffic import Density, Traffic, populate
 from mottrack.datasets.synthetic.unknown import Strays, draw_strays
 
-SIGHT_M = 130.0
 _PLACES = ("urban", "residential", "motorway")
 
 
@@ -35,6 +34,8 @@ class WorldPlan:
     density: Density
     duration_s: float
     warm_up_s: float
+    sight_m: float = 130.0
+    """How far from the ego vehicle the world is filled."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class World:
 
     def floor_m(self, states: States) -> NDArray[np.float64]:
         """(N,) height of each mover's underside in the world."""
-        return heights_at(self.terrain, states.xy_m) + states.lift_m
+        return np.asarray(heights_at(self.terrain, states.xy_m) + states.lift_m)
 
     def solids(self, time_s: float, near_xy_m: NDArray[np.float64], reach_m: float) -> Solids:
         """Everything within ``reach_m`` of a place, at a time."""
@@ -81,23 +82,23 @@ def build_world(rng: np.random.Generator, plan: WorldPlan) -> World:
         place = str(rng.choice(_PLACES, p=[0.5, 0.3, 0.2]))
     fastest = {"urban": 14.0, "residential": 9.0, "motorway": 32.0}[place]
     way = fastest * plan.duration_s
-    network = build_network(rng, place, SIGHT_M + 0.7 * way + 30.0)
+    network = build_network(rng, place, plan.sight_m + 0.7 * way + 30.0)
     ego_start = float(rng.uniform(0.15, 0.7)) * way + float(rng.uniform(-20.0, 35.0))
     traffic = populate(rng, network, plan.density, ego_start)
     signals = random_signals(rng, 2 * len(network.roads))
     motion = simulate(traffic, signals, (-plan.warm_up_s, plan.duration_s + 0.2))
-    terrain = lay_ground(rng, network, _extent(traffic, motion))
+    terrain = lay_ground(rng, network, _extent(traffic, motion, plan.sight_m))
     static, parked = _line_roads(rng, network, terrain, plan.density)
     near = float(network.roads[0].origin_s_m - ego_start)
     strays = draw_strays(rng, network, 1.5 * plan.density.unknown, near)
     return _assemble(rng, (network, terrain, static), (traffic, motion, plan), (parked, strays))
 
 
-def _extent(traffic: Traffic, motion: Motion) -> Extent:
+def _extent(traffic: Traffic, motion: Motion, sight_m: float) -> Extent:
     """The area that the ego vehicle can see on its way."""
     route = traffic.routes[int(traffic.path[0])].curve
     xy = route.at(motion.s_m[:, 0], np.zeros(len(motion.s_m)))[:, :2]
-    low, high = xy.min(axis=0) - SIGHT_M, xy.max(axis=0) + SIGHT_M
+    low, high = xy.min(axis=0) - sight_m, xy.max(axis=0) + sight_m
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
