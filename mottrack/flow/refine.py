@@ -32,11 +32,9 @@ class RefineConfig(StrictModel):
     similar_mps: float = Field(1.0, gt=0, description="velocity step inside one component")
     similar_share: float = Field(0.35, ge=0, description="the same, as a share of the speed")
     max_correction_m: float = Field(0.8, gt=0, description="a larger correction is refused")
-    rest_cost_m: float = Field(
-        0.1,
-        ge=0,
-        description="points that rest explains to this are at rest unless a shift is"
-        " clearly better",
+    rest_cost_m: float = Field(0.1, ge=0, description="points that rest explains to this rest")
+    rest_ratio: float = Field(
+        0.85, gt=0, le=1, description="rest, too, where no shift costs less than this share of it"
     )
 
 
@@ -73,8 +71,9 @@ class Refiner:
         believed = explains(matches, np.ones_like(matches.cost_m, np.bool_), self.config.verdict)
         correction_m = np.hypot(*(matches.shift_m - start_m).T)
         refined = believed & (correction_m < self.config.max_correction_m)
-        resting = ~believed & (matches.rest_cost_m < self.config.rest_cost_m)
-        return refined, resting
+        rests_well = matches.rest_cost_m < self.config.rest_cost_m
+        no_better = matches.cost_m > self.config.rest_ratio * matches.rest_cost_m
+        return refined, ~believed & (rests_well | no_better)
 
 
 def _medians(

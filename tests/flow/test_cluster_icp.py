@@ -1,0 +1,120 @@
+"""Flow without boxes, and the verification of any field."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mottrack.core.grid import BevGrid
+from mottrack.core.motion import FlowField
+from mottrack.flow.cluster_icp import ClusterIcpConfig, ClusterIcpFlow
+from mottrack.flow.stages import Stages, StagesConfig
+
+GRID = BevGrid(cell_m=0.5)
+
+
+@pytest.fixture(scope="module")
+def source():
+    return ClusterIcpFlow(grid=GRID)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "yaw_rad"), [(1.5, 0.0), (5.0, 0.7), (14.0, 0.0), (14.0, 2.0), (30.0, 3.1)]
+)
+def test_a_car_among_walls_and_posts(source, speed_mps, yaw_rad, street_of):
+    street = street_of(
+        car_start_m=(10.0, 0.0), speed_mps=speed_mps, car_yaw_rad=yaw_rad, ego_mps=6.0
+    )
+    field = source.estimate(street.sweep(0), street.sweep(1))
+    on_car = street.car_cells(1, GRID) & field.occupied
+    expected = speed_mps * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+    error = np.hypot(*(field.velocity_mps[on_car] - expected).T)
+    assert np.median(error) < 0.6
+    away = field.occupied & ~on_car
+    assert (np.hypot(*field.velocity_mps[away].T) > 0.5).mean() < 0.02
+
+
+def test_the_ends_of_a_turning_car_move_apart(source, street_of):
+    street = street_of(car_start_m=(9.0, 2.0), speed_mps=6.0, turn_radps=0.45)
+    field = source.estimate(street.sweep(0), street.sweep(1))
+    on_car = street.car_cells(1, GRID) & field.valid
+    offset_m = GRID.centres_m()[on_car] - street.car(1).translation_m[:2]
+    lateral = field.velocity_mps[on_car][:, 1]
+    slope = np.polyfit(offset_m[:, 0], lateral, 1)[0]
+    assert slope == pytest.approx(0.45, abs=0.25)
+
+
+def test_a_pose_error_is_taken_out(source, street_of):
+    street = street_of(speed_mps=10.0)
+    before, now = street.sweep(0), street.sweep(1)
+    shifted = replace(before, xyz_m=before.xyz_m + np.array([0.06, -0.05, 0], np.float32))
+    field = source.estimate(shifted, now)
+    away = field.occupied & ~street.car_cells(1, GRID)
+    assert (np.hypot(*field.velocity_mps[away].T) > 0.5).mean() < 0.02
+
+
+def test_what_was_hidden_does_not_move(source, street_of):
+    """A post that a parked van hid from the first sweep comes into view at rest."""
+    street = street_of(speed_mps=0.0, car_start_m=(10.0, 0.0), ego_mps=0.0)
+    post = np.random.default_rng(5).normal([14.0, -1.0, 1.0], [0.05, 0.05, 0.4], (60, 3))
+    now = street.sweep(1)
+    seen = replace(
+        now,
+        xyz_m=np.concatenate([now.xyz_m, post.astype(np.float32)]),
+        reflectance=np.zeros(len(now) + 60, np.float32),
+    )
+    field = source.estimate(street.sweep(0), seen)
+    rows, cols, _ = GRID.cells(np.array([[14.0, -1.0]]))
+    assert np.abs(field.velocity_mps[rows, cols]).max() == 0
+
+
+def field_that_says(prepared, grid, velocity_of):
+    occupied = grid.occupancy(prepared.current.xyz_m)
+    blank = FlowField.unmeasured(grid, occupied, prepared.current.stamp_ns)
+    velocity = np.where(occupied[..., None], velocity_of(grid.centres_m()), 0.0)
+    return replace(blank, velocity_mps=velocity.astype(np.float32), valid=occupied)
+
+
+@pytest.fixture(scope="module")
+def prepared_street(street_of):
+    street = street_of(car_start_m=(10.0, 0.0), speed_mps=12.0)
+    stages = Stages(StagesConfig(), GRID)
+    return street, stages, stages.before(street.sweep(0), street.sweep(1))
+
+
+def test_a_wall_said_to_move_is_withdrawn(prepared_street):
+    _, stages, prepared = prepared_street
+    wall = field_that_says(prepared, GRID, lambda xy: np.where(xy[..., 1:] > 13, [3.0, 0.0], 0.0))
+    assert np.abs(stages.after(wall, prepared).velocity_mps).max() == 0
+
+
+def test_a_car_said_to_be_a_little_slower_is_corrected(prepared_street):
+    street, stages, prepared = prepared_street
+    on_car = street.car_cells(1, GRID)
+    guess = field_that_says(prepared, GRID, lambda xy: np.where(on_car[..., None], [10.5, 0.8], 0))
+    refined = stages.after(guess, prepared)
+    error = refined.velocity_mps[on_car & refined.occupied] - [12.0, 0.0]
+    assert np.median(np.hypot(*error.T)) < 0.5
+
+
+def test_every_stage_can_be_switched_off(prepared_street):
+    street, _, _ = prepared_street
+    off = StagesConfig.model_validate(
+        {name: {"enabled": False} for name in ("ground", "alignment", "visibility", "refine")}
+    )
+    stages = Stages(off, GRID)
+    prepared = stages.before(street.sweep(0), street.sweep(1))
+    assert prepared.previous_seen is None
+    assert np.array_equal(prepared.correction.matrix, np.eye(4))
+    assert len(prepared.current) > 0.9 * len(street.sweep(1))
+    field = field_that_says(prepared, GRID, lambda xy: np.ones_like(xy))
+    assert stages.after(field, prepared) is field
+
+
+def test_config_reaches_the_stages(street_of):
+    config = ClusterIcpConfig.model_validate({"stages": {"ground": {"max_height_m": 1.0}}})
+    stages = Stages(config.stages, GRID)
+    prepared = stages.before(street_of().sweep(0), street_of().sweep(1))
+    assert prepared.current_height_m.max() < 1.0

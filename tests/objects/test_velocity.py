@@ -1,0 +1,136 @@
+"""From a field to one velocity an object."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mottrack.core.errors import InputError
+from mottrack.core.grid import BevGrid
+from mottrack.core.motion import FlowField
+from mottrack.core.objects import Objects
+from mottrack.core.pose import Pose
+from mottrack.objects.velocity import VelocityConfig, measure_velocity
+
+GRID = BevGrid(cell_m=0.25)
+
+
+def field(velocity_of, occupied=None, weight=None, sigma_mps=0.0):
+    xy = GRID.centres_m()
+    occupied = np.ones(GRID.shape, bool) if occupied is None else occupied
+    covariance = np.broadcast_to(sigma_mps**2 * np.eye(2), (*GRID.shape, 2, 2))
+    return FlowField(
+        grid=GRID,
+        velocity_mps=np.broadcast_to(velocity_of(xy), (*GRID.shape, 2)),
+        covariance_m2ps2=covariance,
+        occupied=occupied,
+        valid=occupied,
+        weight=np.ones(GRID.shape) if weight is None else weight,
+        stamp_ns=0,
+    )
+
+
+def boxes(centres, yaws, size=(4.0, 2.0, 1.5), frame="ego"):
+    n = len(centres)
+    return Objects(
+        stamp_ns=0,
+        frame=frame,
+        centre_m=np.column_stack([centres, np.zeros(n)]),
+        size_m=np.tile(size, (n, 1)),
+        yaw_rad=np.asarray(yaws, float),
+        label=np.full(n, "car"),
+        score=np.ones(n),
+    )
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    x=st.floats(-40, 40),
+    y=st.floats(-40, 40),
+    yaw=st.floats(-4, 4),
+    turn=st.floats(-1, 1),
+    vx=st.floats(-20, 20),
+    vy=st.floats(-20, 20),
+)
+def test_rigid_motion_has_the_velocity_of_the_centre(x, y, yaw, turn, vx, vy):
+    """v(p) = v + w x (p - c): the mean over a symmetric box is v, and the spread is honest."""
+    rigid = field(
+        lambda xy: np.stack([vx - turn * (xy[..., 1] - y), vy + turn * (xy[..., 0] - x)], axis=-1)
+    )
+    measured = measure_velocity(rigid, boxes([(x, y)], [yaw]))
+    assert measured.valid.all()
+    # the cells of a box are symmetric about its centre to half a cell
+    np.testing.assert_allclose(measured.mean_mps[0], [vx, vy], atol=abs(turn) * 0.2 + 1e-3)
+    assert np.linalg.eigvalsh(measured.covariance_m2ps2[0]).min() >= 0.1**2 - 1e-6
+
+
+@settings(max_examples=20, deadline=None)
+@given(quarter=st.integers(1, 3), seed=st.integers(0, 1000))
+def test_turning_field_and_box_turns_the_measurement(quarter, seed):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(0, 5, (*GRID.shape, 2))
+    occupied = rng.uniform(size=GRID.shape) < 0.5
+    pose = Pose.from_yaw(quarter * np.pi / 2)
+    here = boxes(rng.uniform(-30, 30, (4, 2)), rng.uniform(-3, 3, 4))
+    plain = measure_velocity(field(lambda xy: values, occupied), here)
+    # rows grow with y: a quarter turn of the plane is a turn of the array by -90 degrees
+    turned_values = np.rot90(values, -quarter) @ pose.rotation[:2, :2].T
+    turned = measure_velocity(
+        field(lambda xy: turned_values, np.rot90(occupied, -quarter)), here.transformed(pose, "ego")
+    )
+    expected = plain.rotated(quarter * np.pi / 2)
+    np.testing.assert_array_equal(turned.valid, expected.valid)
+    np.testing.assert_allclose(turned.mean_mps, expected.mean_mps, atol=1e-4)
+    np.testing.assert_allclose(turned.covariance_m2ps2, expected.covariance_m2ps2, atol=1e-3)
+
+
+def test_an_object_without_a_valid_cell_is_masked_not_zero():
+    occupied = GRID.centres_m()[..., 0] > 0
+    measured = measure_velocity(
+        field(lambda xy: np.array([3.0, 0.0]), occupied), boxes([(20, 0), (-20, 0)], [0, 0])
+    )
+    assert measured.valid.tolist() == [True, False]
+
+
+def test_weights_count_only_where_asked():
+    left = GRID.centres_m()[..., 0] < 10
+    two = field(
+        lambda xy: np.where(left[..., None], [0.0, 0.0], [8.0, 0.0]),
+        weight=np.where(left, 0.25, 0.75),
+    )
+    box = boxes([(10, 0)], [0])
+    assert measure_velocity(two, box).mean_mps[0, 0] == pytest.approx(4.0)
+    weighted = measure_velocity(two, box, VelocityConfig(rule="weighted"))
+    assert weighted.mean_mps[0, 0] == pytest.approx(6.0)
+
+
+def test_covariance_is_spread_over_cells_plus_that_of_the_source_plus_the_floor():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 2.0, (*GRID.shape, 2))
+    config = VelocityConfig(correlated_cells=1.0, floor_mps=0.1)
+    measured = measure_velocity(
+        field(lambda xy: noise, sigma_mps=0.5), boxes([(0, 0)], [0.0], (10.0, 10.0, 2.0)), config
+    )
+    cells = (10 / 0.25) ** 2
+    expected = 4.0 / cells + 0.25 + 0.01
+    assert np.diag(measured.covariance_m2ps2[0]) == pytest.approx([expected] * 2, rel=0.05)
+
+
+def test_a_pedestrian_thinner_than_a_cell_is_still_measured():
+    measured = measure_velocity(
+        field(lambda xy: np.array([1.0, 0.5])), boxes([(5.1, 3.1)], [0.3], (0.1, 0.1, 1.7))
+    )
+    assert measured.valid.all()
+
+
+def test_boxes_outside_the_grid_and_none_at_all():
+    plain = field(lambda xy: np.array([1.0, 0.0]))
+    assert measure_velocity(plain, boxes([(500, 0)], [0])).valid.tolist() == [False]
+    assert len(measure_velocity(plain, boxes(np.zeros((0, 2)), []))) == 0
+
+
+def test_boxes_must_be_in_the_ego_frame():
+    with pytest.raises(InputError, match="frame of boxes"):
+        measure_velocity(field(lambda xy: np.zeros(2)), boxes([(0, 0)], [0], frame="world"))
