@@ -5,7 +5,7 @@ DATASETS: dict[str, str] = {
     "folder": "mottrack.datasets.folder.dataset:Folder",
     "kitti": "mottrack.datasets.kitti.dataset:Kitti",
     "nuscenes": "mottrack.datasets.nuscenes.dataset:NuScenes",
-    "ros": "mottrack.datasets.folder.ros:RosLog",
+    "ros": "mottrack.datasets.ros.dataset:RosLogs",
     "synthetic": "mottrack.datasets.synthetic:SyntheticDataset",
 }
 """Name in a configuration to `module:Class`; nothing is imported before it is asked for."""

@@ -114,11 +114,17 @@ class Column:
 
 
 def read_table(
-    path: Path, columns: tuple[Column, ...], *, separator: str | None = None, optional: int = 0
+    path: Path,
+    columns: tuple[Column, ...],
+    *,
+    separator: str | None = None,
+    optional: int = 0,
+    header: bool = False,
 ) -> dict[str, NDArray[Any]]:
     """Read rows of text as one array a column, and `line`, where each row stood.
 
-    Blank lines are skipped. Up to `optional` further values a row are allowed and ignored.
+    Blank lines are skipped. Up to `optional` further values a row are allowed and ignored. With
+    `header` the first line holds the names of the columns.
 
     Raises:
         DataError: a row with too few or too many values, or a value that is not a finite number,
@@ -127,8 +133,11 @@ def read_table(
     """
     rows: list[list[Any]] = []
     lines: list[int] = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        if line.strip():
+    text = read_text(path).splitlines()
+    if header:
+        _check_header(path, text, columns)
+    for number, line in enumerate(text, start=1):
+        if line.strip() and not (header and number == 1):
             fields = [field.strip() for field in line.strip().split(separator)]
             if not len(columns) <= len(fields) <= len(columns) + optional:
                 raise DataError(path, f"line {number}", f"{len(fields)} values", _count(columns))
@@ -136,6 +145,13 @@ def read_table(
             lines.append(number)
     table = {c.name: _as_array([row[i] for row in rows], c) for i, c in enumerate(columns)}
     return table | {"line": np.array(lines, dtype=np.int64)}
+
+
+def _check_header(path: Path, text: list[str], columns: tuple[Column, ...]) -> None:
+    expected = ",".join(column.name for column in columns)
+    found = text[0].replace(" ", "") if text else ""
+    if found != expected:
+        raise DataError(path, "line 1", repr(found), f"the header {expected}")
 
 
 def _count(columns: tuple[Column, ...]) -> str:

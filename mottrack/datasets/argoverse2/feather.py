@@ -37,11 +37,6 @@ def read_columns(path: Path, numbers: tuple[str, ...], texts: tuple[str, ...] = 
     return columns
 
 
-def has_column(path: Path, name: str) -> bool:
-    """Whether the file has a column of that name."""
-    return name in _table(path).column_names
-
-
 def _table(path: Path) -> pa.Table:
     try:
         table = pyarrow.feather.read_table(pa.BufferReader(read_bytes(path)))

@@ -27,6 +27,7 @@ from mottrack.datasets.rigid import quaternion_length
 from mottrack.datasets.tables import DetectionTable
 
 _SAMPLE = re.compile(rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])')
+_END_BYTES = 256
 _KINDS = (
     Kind("sample_token", text=True),
     Kind("translation", 3),
@@ -50,7 +51,7 @@ class DetectionFile:
             with self._path.open("rb") as file, _mapped(file, self._path) as text:
                 places = [(m.group(1), m.start(), m.end()) for m in _SAMPLE.finditer(text)]
                 size = len(text)
-                self._check_envelope(bytes(text[: places[0][1]]) if places else bytes(text))
+                self._check_envelope(text, places[0][1] if places else size)
         except OSError as error:
             raise DataError(self._path, "file", error.strerror, "a detection file") from error
         ends = [start for _, start, _ in places[1:]] + [size] * bool(places)
@@ -64,9 +65,13 @@ class DetectionFile:
             spans[name] = (start, end)
         return spans
 
-    def _check_envelope(self, head: bytes) -> None:
-        if b'"results"' not in head:
+    def _check_envelope(self, text: mmap.mmap, first: int) -> None:
+        """The parts about the samples: `{"meta": {..}, "results": {` and, at the end, `}}`."""
+        if text.find(b'"results"', 0, first) < 0:
             raise DataError(self._path, "results", "missing", "a file with meta and results")
+        end = b"".join(text[-_END_BYTES:].split())
+        if not end.endswith(b"}}"):
+            raise TruncatedError(self._path, "end of file", end[-20:], "two closing braces")
 
     def __contains__(self, sample_token: str) -> bool:
         return sample_token in self._spans

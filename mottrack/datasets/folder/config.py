@@ -1,0 +1,27 @@
+"""What can be chosen about a folder of own logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from mottrack.config import StrictModel
+
+
+class FolderConfig(StrictModel):
+    """A folder with one folder a log; docs/own_logs.md has the format."""
+
+    root: Path = Field(description="folder that holds a folder for each log")
+    scenes: tuple[str, ...] | None = Field(None, description="log names; none given: all")
+    key_frames: Literal["all", "labelled"] = Field(
+        "all", description="frames at which trackers step; labelled: those in boxes.csv"
+    )
+    classes: tuple[str, ...] = Field(
+        ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck"),
+        description="labels that are scored",
+    )
+    lidar_origin_m: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="optical centre of the LiDAR in the ego frame"
+    )

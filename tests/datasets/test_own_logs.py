@@ -1,0 +1,221 @@
+"""The folder format and ROS 2 logs."""
+
+import numpy as np
+import pytest
+
+from mottrack.core import ConfigError, DataError, Pose
+from mottrack.datasets.folder.config import FolderConfig
+from mottrack.datasets.folder.dataset import Folder
+
+STAMPS = [1_000_000_000, 1_100_000_000, 1_200_000_000]
+BOX = "4.0,2.0,1.5,0.1"
+
+
+def cloud(number):
+    return np.random.default_rng(number).uniform(-20, 20, (200, 3)).astype(np.float32)
+
+
+@pytest.fixture
+def log(tmp_path):
+    """Three frames 1 m apart along y, the ego facing +y; one car ahead that drives as fast."""
+    folder = tmp_path / "monday-01"
+    (folder / "sweeps").mkdir(parents=True)
+    half = np.sqrt(0.5)
+    poses = ["stamp_ns,x,y,z,qw,qx,qy,qz"]
+    boxes = ["stamp_ns,id,label,x,y,z,length,width,height,yaw"]
+    detections = ["stamp_ns,label,score,x,y,z,length,width,height,yaw"]
+    for number, stamp in enumerate(STAMPS):
+        poses.append(f"{stamp},5.0,{float(number)},0.0,{half},0,0,{half}")
+        boxes.append(f"{stamp},7,car,10.0,0.0,0.5,{BOX}")
+        detections.append(f"{stamp},car,0.9,10.1,0.0,0.5,{BOX}")
+        values = np.column_stack([cloud(number), np.full(200, 0.25)]).astype("<f4")
+        if number < 2:
+            values.tofile(folder / f"sweeps/{stamp}.bin")
+        else:
+            np.savez(
+                folder / f"sweeps/{stamp}.npz",
+                xyz_m=values[:, :3],
+                reflectance=values[:, 3],
+                ring=np.arange(200) % 16,
+            )
+    for name, rows in (("poses", poses), ("boxes", boxes), ("detections", detections)):
+        (folder / f"{name}.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def open_log(folder, **options):
+    return Folder(FolderConfig(root=folder.parent, **options)).scene(folder.name)
+
+
+def test_reads_poses_boxes_detections_and_both_kinds_of_sweep(log):
+    scene = open_log(log)
+    assert (len(scene), scene.has_sweeps) == (3, True)
+    frame = scene.frame(1)
+    # 10 m ahead of an ego that faces +y
+    np.testing.assert_allclose(frame.truth.centre_m, [[5.0, 11.0, 0.5]], atol=1e-12)
+    np.testing.assert_allclose(frame.truth.yaw_rad, [np.pi / 2 + 0.1], atol=1e-12)
+    np.testing.assert_allclose(frame.truth.velocity_mps, [[0.0, 10.0]], atol=1e-9)
+    np.testing.assert_allclose(frame.detections.centre_m, [[5.0, 11.1, 0.5]], atol=1e-12)
+    for number in range(3):
+        np.testing.assert_array_equal(scene.sweep(number).xyz_m, cloud(number))
+    assert scene.sweep(2).ring[17] == 1
+
+
+def test_key_frames_may_be_the_labelled_ones(log):
+    rows = (log / "boxes.csv").read_text().splitlines()
+    (log / "boxes.csv").write_text("\n".join(rows[:2]) + "\n")
+    assert [open_log(log, key_frames="labelled").frame(i).is_key for i in range(3)] == [1, 0, 0]
+    assert all(open_log(log).frame(i).is_key for i in range(3))
+
+
+FAULTS = {
+    "stamp not later": ("poses.csv", "1100000000,", "1000000000,", "later than 1000000000"),
+    "no unit quaternion": ("poses.csv", "0.7071067811865476,0,0", "1.7,0,0", "quaternion"),
+    "no number": ("boxes.csv", "10.0", "ten", "line 2, x is ten"),
+    "no pose": ("boxes.csv", "1200000000", "1300000000", "a stamp of poses.csv"),
+    "no size": ("detections.csv", ",4.0,", ",0.0,", "length is 0.0"),
+    "other header": ("detections.csv", "score", "confidence", "the header stamp_ns,label,score"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_named(log, fault):
+    name, old, new, message = FAULTS[fault]
+    path = log / name
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(DataError, match=message) as caught:
+        open_log(log).frame(0)
+    assert caught.value.file == path
+
+
+def test_damaged_sweeps_are_named(log):
+    path = log / f"sweeps/{STAMPS[2]}.npz"
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(DataError, match="unreadable"):
+        open_log(log).sweep(2)
+    np.savez(path, xyz_m=np.zeros((4, 2)), reflectance=np.zeros(4))
+    with pytest.raises(DataError, match="shapes"):
+        open_log(log).sweep(2)
+    (log / "poses.csv").unlink()
+    with pytest.raises(DataError, match="logs is none"):
+        _ = Folder(FolderConfig(root=log.parent)).scene_names
+    with pytest.raises(ConfigError, match="unknown scene"):
+        (log / "poses.csv").write_text("")
+        Folder(FolderConfig(root=log.parent)).scene("tuesday")
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """Three clouds at 10 Hz and odometry at 50 Hz, written by the mcap and rosbags libraries."""
+    pytest.importorskip("mcap", reason="needs the extra: pip install mottrack[ros]")
+    pytest.importorskip("rosbags", reason="needs the extra: pip install mottrack[ros]")
+    from mcap.writer import Writer
+
+    path = tmp_path / "drive.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = {}
+        for topic, kind in (
+            ("/points", "sensor_msgs/msg/PointCloud2"),
+            ("/odometry", "nav_msgs/msg/Odometry"),
+        ):
+            schema = writer.register_schema(name=kind, encoding="ros2msg", data=b"")
+            channel[topic] = writer.register_channel(topic, "cdr", schema)
+        for number in range(-5, 20):
+            stamp = STAMPS[0] + number * 20_000_000
+            data = odometry(stamp, 0.2 * number)
+            writer.add_message(channel["/odometry"], stamp, data, stamp)
+        for number, stamp in enumerate(STAMPS):
+            # recorded 5 ms later, between two odometry messages
+            data = point_cloud(stamp + 10_000_000, number)
+            writer.add_message(channel["/points"], stamp + 15_000_000, data, stamp)
+        writer.finish()
+    return path
+
+
+def types():
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def header(stamp_ns):
+    store = types().types
+    time = store["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+    return store["std_msgs/msg/Header"](time, "base_link")
+
+
+def odometry(stamp_ns, x):
+    store = types().types
+    pose = store["geometry_msgs/msg/Pose"](
+        store["geometry_msgs/msg/Point"](x, 0.0, 0.0),
+        store["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+    )
+    zero = store["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    twist = store["geometry_msgs/msg/TwistWithCovariance"](
+        store["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36)
+    )
+    posed = store["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36))
+    message = store["nav_msgs/msg/Odometry"](header(stamp_ns), "base_link", posed, twist)
+    return bytes(types().serialize_cdr(message, message.__msgtype__))
+
+
+def point_cloud(stamp_ns, number):
+    store = types().types
+    points = np.zeros(201, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
+    for column, axis in enumerate("xyz"):
+        points[axis][:200] = cloud(number)[:, column]
+    points["intensity"] = 51.0
+    points["x"][200] = np.nan
+    field = store["sensor_msgs/msg/PointField"]
+    fields = [field(name, 4 * i, 7, 1) for i, name in enumerate(points.dtype.names)]
+    data = np.frombuffer(points.tobytes(), np.uint8)
+    message = store["sensor_msgs/msg/PointCloud2"](
+        header(stamp_ns), 1, 201, fields, False, 16, 16 * 201, data, False
+    )
+    return bytes(types().serialize_cdr(message, message.__msgtype__))
+
+
+def open_bag(path, **options):
+    from mottrack.datasets.ros.config import RosConfig
+    from mottrack.datasets.ros.dataset import RosLogs
+
+    return RosLogs(RosConfig(root=path.parent, **options)).scene(path.stem)
+
+
+def test_ros_log(bag):
+    scene = open_bag(bag, lidar_position_m=(1.0, 0.0, 2.0), lidar_yaw_rad=np.pi / 2)
+    assert len(scene) == 3
+    mounting = Pose.from_yaw(np.pi / 2, (1.0, 0.0, 2.0))
+    for number in range(3):
+        frame, sweep = scene.frame(number), scene.sweep(number)
+        assert frame.stamp_ns == STAMPS[number] + 10_000_000
+        # half way between two odometry messages at 10 m/s
+        np.testing.assert_allclose(frame.world_T_ego.translation_m, [number + 0.1, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(sweep.xyz_m, mounting.apply(cloud(number)), atol=1e-5)
+        np.testing.assert_allclose(sweep.reflectance, 0.2, atol=1e-6)
+
+
+def test_ros_faults_are_named(bag):
+    with pytest.raises(DataError, match="no message on /lidar, expected one of /odometry, /points"):
+        open_bag(bag, points_topic="/lidar")
+    with pytest.raises(DataError, match="odometry is missing"):
+        open_bag(bag, max_gap_s=0.01)
+    data = bag.read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        bag.write_bytes(data[: int(rng.integers(len(data)))])
+        with pytest.raises(DataError) as caught:
+            open_bag(bag).sweep(0)
+        assert caught.value.file == bag
+    told = 0
+    for _ in range(100):
+        damaged = bytearray(data)
+        damaged[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
+        bag.write_bytes(damaged)
+        try:
+            open_bag(bag).sweep(0)
+        except DataError as error:
+            told += error.file == bag
+    assert told > 50  # chunks carry a checksum; the rest is in indices and names
