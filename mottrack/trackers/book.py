@@ -29,6 +29,8 @@ class TrackBook:
     """Detections so far, in total."""
     misses: I64
     """Steps since the last detection."""
+    born_ns: I64
+    """Stamp of the first detection."""
     seen_ns: I64
     """Stamp of the last detection."""
     flips: I64
@@ -70,6 +72,7 @@ def newborn(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackBook:
         confidence=np.clip(score, 0.0, 1.0),
         hits=np.ones(n, np.int64),
         misses=np.zeros(n, np.int64),
+        born_ns=np.full(n, stamp_ns, np.int64),
         seen_ns=np.full(n, stamp_ns, np.int64),
         flips=np.zeros(n, np.int64),
         source=np.full(n, -1, np.int64),

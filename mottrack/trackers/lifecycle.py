@@ -21,10 +21,16 @@ class LifeConfig(StrictModel):
 
     birth_score: float | None = Field(None, description="weaker detections start no track")
     min_hits: int = Field(1, ge=1, description="detections before a track is put out")
+    confirm_s: float = Field(
+        0.0, ge=0, description="and at least so many as come in this time, the first not counted"
+    )
     max_misses: int = Field(1, ge=0, description="steps without a detection a track survives")
     max_coast_s: float = Field(0.0, ge=0, description="seconds without one a track survives")
     output_misses: int = Field(1, ge=0, description="steps without one a track is still put out")
     output_coast_s: float = Field(0.0, ge=0, description="seconds without one it is put out")
+    earn_coasting: bool = Field(
+        False, description="coast no longer in seconds than the track has been seen before"
+    )
     silent_classes: Literal["age", "freeze"] = Field(
         "age", description="freeze: tracks of a class without detections stand still, unseen"
     )
@@ -32,7 +38,12 @@ class LifeConfig(StrictModel):
         "last",
         description="score put out: of the last detection, their mean, or belief in the track",
     )
-    decay_per_s: float = Field(1.0, gt=0, le=1, description="factor a second while it coasts")
+    decay_per_s: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="share of its size that the score keeps in a second of coasting",
+    )
 
 
 class Life:
@@ -42,13 +53,16 @@ class Life:
         self._config = config
         self._freezes = config.silent_classes == "freeze"
         self._steps = np.zeros(0, np.int64)
+        self._min_hits = config.min_hits
 
     def active(self, label: I64, present: I64) -> Mask:
         """Which tracks take part in a step with detections of the classes `present`."""
         return np.isin(label, present) if self._freezes else np.ones(len(label), bool)
 
-    def begin(self, book: TrackBook, present: I64, classes: int) -> None:
+    def begin(self, book: TrackBook, present: I64, classes: int, elapsed_s: float) -> None:
         """Begins a step: every active track is missed until a detection says otherwise."""
+        config = self._config
+        self._min_hits = max(config.min_hits, 1 + int(config.confirm_s / elapsed_s))
         book.misses += self.active(book.label, present)
         book.source[:] = -1
         self._steps = np.concatenate([self._steps, np.zeros(classes - len(self._steps), np.int64)])
@@ -60,15 +74,23 @@ class Life:
     def shown(self, book: TrackBook, present: I64, stamp_ns: int) -> Mask:
         """Tracks that are put out: old enough, or in the first steps, and not missed for long."""
         config = self._config
-        grown = (book.hits >= config.min_hits) | (self._steps[book.label] <= config.min_hits)
+        grown = (book.hits >= self._min_hits) | (self._steps[book.label] <= self._min_hits)
         fresh = book.misses <= config.output_misses
-        fresh |= _within(book, stamp_ns, config.output_coast_s)
+        fresh |= self._within(book, stamp_ns, config.output_coast_s)
         return grown & fresh & self.active(book.label, present)
 
     def alive(self, book: TrackBook, stamp_ns: int) -> Mask:
         """Tracks that live on into the next step."""
         by_steps = book.misses <= self._config.max_misses
-        return by_steps | _within(book, stamp_ns, self._config.max_coast_s)
+        return by_steps | self._within(book, stamp_ns, self._config.max_coast_s)
+
+    def _within(self, book: TrackBook, stamp_ns: int, limit_s: float) -> Mask:
+        """Tracks last detected at most `limit_s` ago; in nanoseconds, so no rounding decides."""
+        coasted_ns = stamp_ns - book.seen_ns
+        allowed = coasted_ns <= round(limit_s * 1e9)
+        if self._config.earn_coasting:
+            allowed &= coasted_ns <= book.seen_ns - book.born_ns
+        return np.asarray(allowed)
 
     def score(self, book: TrackBook, stamp_ns: int) -> F64:
         """Score of every track, less the decay of coasting."""
@@ -77,12 +99,9 @@ class Life:
             "mean": book.score_sum / book.hits,
             "confidence": book.confidence,
         }
-        return kinds[self._config.score] * self._config.decay_per_s ** coasted_s(book, stamp_ns)
-
-
-def _within(book: TrackBook, stamp_ns: int, limit_s: float) -> Mask:
-    """Tracks last detected at most `limit_s` ago; in nanoseconds, so that no rounding decides."""
-    return np.asarray(stamp_ns - book.seen_ns <= round(limit_s * 1e9))
+        score = kinds[self._config.score]
+        loss = 1.0 - self._config.decay_per_s ** coasted_s(book, stamp_ns)
+        return np.asarray(score - loss * np.abs(score))
 
 
 def coasted_s(book: TrackBook, stamp_ns: int) -> F64:

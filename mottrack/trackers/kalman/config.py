@@ -91,6 +91,9 @@ class AssociationConfig(StrictModel):
         description="density of new and false detections; a pair must be likelier than a stray",
     )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
+    velocity_limit: float | None = Field(
+        None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"
+    )
     method: Literal["greedy", "hungarian", "mutual_nearest"] = Field(
         "greedy", description="assignment of the gated pairs"
     )

@@ -12,8 +12,13 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
-from mottrack.trackers.kalman.noise_model import NoiseRows, position_covariance
+from mottrack.trackers.kalman.noise_model import (
+    NoiseRows,
+    initial_velocity_covariance,
+    position_covariance,
+)
 from mottrack.trackers.kalman.noise_table import NoiseTable
+from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -33,6 +38,8 @@ class Detections:
     """(N, 2) in the tracker's unit of time; 0 where not measured."""
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
+    stray_surprise: F64
+    """(N,) -2 ln p of the velocity (but for a constant) of an object that no track expects."""
     moving: NDArray[np.bool_]
     """(N,) whether the velocity was measured."""
     label: I64
@@ -103,12 +110,16 @@ def _pack(
     config, unit_s = how
     yaw = wrap_angle(objects.yaw_rad[rows])
     mean, covariance, moving = _velocity(objects, rows, config)
+    velocity, velocity_covariance = mean * unit_s, covariance * unit_s**2
+    unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
+    surprise = quadratic_2x2(inverse_2x2(unexpected), velocity)
     return Detections(
         box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
         position=position_covariance(noise, yaw),
         axial=noise.observation[:, 2:],
-        velocity=mean * unit_s,
-        velocity_covariance=covariance * unit_s**2,
+        velocity=velocity,
+        velocity_covariance=velocity_covariance,
+        stray_surprise=surprise + np.log(determinant_2x2(unexpected)),
         moving=moving,
         label=label,
         score=objects.score[rows],

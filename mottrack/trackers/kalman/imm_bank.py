@@ -16,6 +16,8 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 LEAST_PROBABILITY = 1e-6
+CALM = 0.1
+"""Share of the noise on the velocity that a model keeps among others: they explain the rest."""
 JUDGED = [0, 1, YAW]
 """The models differ in x, y and the heading: those judge between them."""
 
@@ -89,11 +91,14 @@ class ImmBank:
         after = joint.sum(axis=1)
         weight = joint / np.maximum(after, LEAST_PROBABILITY**2)[:, None, :]
         means, covariances = self._means(), self._covariances()
+        mixes = self._choices[self._kind].sum(axis=1) > 1
+        calm = process.copy()
+        calm[mixes, 7:9] *= CALM
         for k, bank in enumerate(self._banks):
             used = np.where(after[:, k, None] > 0, weight[:, :, k], np.eye(len(self._banks))[k])
             bank.mean = _mixed_mean(used, means)
             bank.covariance = _mixed_covariance(used, means, covariances, bank.mean)
-            bank.predict(dt_s, process)
+            bank.predict(dt_s, calm)
         self.probability = after
 
     def turn(self, rows: I64) -> None:

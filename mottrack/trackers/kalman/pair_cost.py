@@ -64,17 +64,19 @@ def mahalanobis_cost(
     i, j = pairs
     planar, offset = tracks.planar[j], seen.box[i, :2] - tracks.mean[j, :2]
     inverse = inverse_2x2(planar[:, :2, :2] + seen.position[i])
-    squared = quadratic_2x2(inverse, offset) + _axial(
-        seen, tracks, pairs, COMPARED[config.components]
-    )
+    squared = quadratic_2x2(inverse, offset)
+    squared += _axial(seen, tracks, pairs, COMPARED[config.components])
+    bits = np.zeros_like(squared)
     if config.velocity:
-        squared = squared + _moving(seen, tracks, pairs, (offset, inverse))
+        added, bits = _moving(seen, tracks, pairs, (offset, inverse))
+        squared += np.minimum(added, (config.velocity_limit or np.inf) ** 2)
     distance = np.sqrt(squared)
     if config.float32:
         distance = distance.astype(np.float32).astype(np.float64)
     if config.stray_per_m2 is None:
         return distance, distance
-    surprise = squared - np.log(determinant_2x2(inverse)) + 2.0 * np.log(2.0 * np.pi)
+    spread = 2.0 * np.log(2.0 * np.pi) - np.log(determinant_2x2(inverse))
+    surprise = squared + spread + bits
     unlikely = surprise > -2.0 * np.log(config.stray_per_m2)
     return np.where(unlikely, np.inf, distance), surprise
 
@@ -96,9 +98,15 @@ def _axial(seen: Detections, tracks: Predicted, pairs: Pairs, compared: slice) -
     return np.asarray(terms[:, compared].sum(axis=1))
 
 
-def _moving(seen: Detections, tracks: Predicted, pairs: Pairs, centre: tuple[F64, F64]) -> F64:
-    """What the velocity adds to d^2, given the centre; 0 where none was measured."""
-    added = np.zeros(len(pairs[0]))
+def _moving(
+    seen: Detections, tracks: Predicted, pairs: Pairs, centre: tuple[F64, F64]
+) -> tuple[F64, F64]:
+    """What the velocity, given the centre, adds to d^2 and, beside that, to the surprise.
+
+    The second is ln det S of the velocity less the surprise of a stray's: a velocity that only
+    this track explains speaks for the pair. Both are 0 where none was measured.
+    """
+    added, bits = np.zeros(len(pairs[0])), np.zeros(len(pairs[0]))
     measured = seen.moving[pairs[0]]
     i, j = pairs[0][measured], pairs[1][measured]
     offset, inverse = centre[0][measured], centre[1][measured]
@@ -107,7 +115,8 @@ def _moving(seen: Detections, tracks: Predicted, pairs: Pairs, centre: tuple[F64
     spread = planar[:, 2:, 2:] + seen.velocity_covariance[i] - gain @ planar[:, :2, 2:]
     surprise = seen.velocity[i] - tracks.mean[j, VELOCITY] - (gain @ offset[:, :, None])[:, :, 0]
     added[measured] = quadratic_2x2(inverse_2x2(spread), surprise)
-    return added
+    bits[measured] = np.log(determinant_2x2(spread)) - seen.stray_surprise[i]
+    return added, bits
 
 
 def centre_cost(

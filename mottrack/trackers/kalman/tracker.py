@@ -18,6 +18,7 @@ from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
+from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
 from mottrack.trackers.lifecycle import Life, record_hits
 
 F64 = NDArray[np.float64]
@@ -59,7 +60,7 @@ class KalmanTracker:
         self._stamp_ns = stamp_ns
         active = self._life.active(self._book.label, seen.label)
         self._predict(active, elapsed_s / unit_s)
-        self._life.begin(self._book, seen.label, len(self._table.labels))
+        self._life.begin(self._book, seen.label, len(self._table.labels), elapsed_s)
         rows, columns = self._match(seen, np.flatnonzero(active))
         self._correct(rows, columns, seen)
         record_hits(self._book, rows, seen.score[columns], seen.source[columns], stamp_ns)
@@ -99,7 +100,18 @@ class KalmanTracker:
         self._turn(rows, seen.box[columns, YAW])
         bank.update_box(rows, residual, seen.position[columns], seen.axial[columns])
         moving = seen.moving[columns]
-        self._correct_velocity(rows[moving], columns[moving], seen)
+        rows, columns = rows[moving], columns[moving]
+        believed = self._believable(rows, columns, seen)
+        self._correct_velocity(rows[believed], columns[believed], seen)
+
+    def _believable(self, rows: I64, columns: I64, seen: Detections) -> NDArray[np.bool_]:
+        """Velocities within the gate of their tracks, (n,)."""
+        limit = self.config.velocity.gate
+        if limit is None:
+            return np.ones(len(rows), bool)
+        spread = self._bank.planar_covariance()[rows, 2:, 2:] + seen.velocity_covariance[columns]
+        residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
+        return np.asarray(quadratic_2x2(inverse_2x2(spread), residual) <= limit**2)
 
     def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
         residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
