@@ -60,7 +60,7 @@ class DetectionFile:
             name = token.decode(errors="replace")
             if name in spans:
                 raise OutOfOrderError(
-                    self._path, f"results[{name}]", "given twice", "each sample once"
+                    self._path, f"results[{name}]", "repeated", "each sample once"
                 )
             spans[name] = (start, end)
         return spans

@@ -1,0 +1,63 @@
+"""`mottrack check` and `mottrack synth` as commands."""
+
+import shutil
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from mottrack.cli import app
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize("name", ["kitti", "nuscenes", "argoverse2"])
+def test_a_whole_data_set_has_no_fault(name, written_roots):
+    """The kind is told by the layout alone."""
+    result = run("check", written_roots[name], "--workers", 1)
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith(f"{name}: 1 scenes")
+    assert "no fault found" in result.output
+
+
+def test_faults_are_counted_by_kind(written_roots, tmp_path):
+    root = tmp_path / "kitti"
+    shutil.copytree(written_roots["kitti"], root)
+    sweeps = root / "training/velodyne/0000"
+    (sweeps / "000001.bin").unlink()
+    (sweeps / "000002.bin").write_bytes((sweeps / "000002.bin").read_bytes()[:-5])
+    values = np.fromfile(sweeps / "000003.bin", "<f4")
+    values[100] = np.nan
+    values.tofile(sweeps / "000003.bin")
+    poses = root / "training/poses/0000.txt"
+    rows = poses.read_text().splitlines()
+    numbers = rows[5].split()
+    numbers[3] = "500.0"
+    rows[5] = " ".join(numbers)
+    poses.write_text("\n".join(rows))
+    result = run("check", root, "--workers", 1)
+    assert result.exit_code == 3
+    for kind in ("missing: 1 in 1", "truncated: 1 in 1", "non-finite: 1 in 1", "jump:"):
+        assert kind in result.output, result.output
+    assert "000002.bin: size in bytes is" in result.output
+
+
+def test_unknown_folder_and_settings(written_roots, tmp_path):
+    with pytest.raises(Exception, match="looks like no known data set"):
+        raise run("check", tmp_path).exception
+    with pytest.raises(Exception, match="velodyne_rot is not a known key"):
+        raise run("check", written_roots["kitti"], "velodyne_rot=x").exception
+
+
+def test_synth_writes_a_new_folder_only(tmp_path):
+    out = tmp_path / "new"
+    command = ("synth", out, "--scenes", 1, "--format", "kitti", "--duration", 0.3, "--seed", 4)
+    result = run(*command)
+    assert result.exit_code == 0, result.output
+    assert "1 scenes in kitti format" in result.output
+    with pytest.raises(Exception, match="is not empty"):
+        raise run(*command).exception
+    with pytest.raises(Exception, match=r"unknown format 'kiti'.*did you mean 'kitti'"):
+        raise run("synth", tmp_path / "other", "--format", "kiti").exception
