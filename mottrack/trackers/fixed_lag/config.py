@@ -29,6 +29,7 @@ class RobustConfig(StrictModel):
 
     threshold: float = Field(2.0, ge=0, description="sigmas with quadratic loss; 0: no weights")
     flag: float = Field(3.0, ge=0, description="innovation, in sigmas, that flags a window")
+    span: int = Field(4, ge=1, description="nodes for which a window stays flagged")
     iterations: int = Field(3, ge=0, le=20, description="re-weightings per window and frame")
     max_windows: int = Field(15, ge=0, description="windows solved again per frame")
 

@@ -34,10 +34,8 @@ class Node(NamedTuple):
     weight: F64
     """(2,) robust weights of the position and the velocity factor."""
 
-    @property
-    def innovation(self) -> F64:
-        """(2,) normalised distance of position and velocity from the prediction at arrival."""
-        return np.asarray(self.batch.innovation[self.row])
+    surprise: float
+    """Larger normalised distance of position and velocity from the prediction at arrival."""
 
     @property
     def is_birth(self) -> bool:
@@ -137,10 +135,12 @@ class FixedLagEngine(ABC):
         advanced = self._advance(batch, dt_s)
         self._stamp_ns[batch.slot[advanced]] = batch.stamp_ns
         oldest_ns = batch.stamp_ns - self.lag_ns
+        slots, steps, weights = batch.slot.tolist(), dt_s.tolist(), list(batch.weight)
+        surprise = batch.innovation.max(axis=1, initial=0.0).tolist()
         for row in np.nonzero(advanced)[0].tolist():
-            slot = int(batch.slot[row])
+            slot = slots[row]
             window = self._windows.setdefault(slot, deque())
-            window.append(Node(batch, row, float(dt_s[row]), batch.weight[row]))
+            window.append(Node(batch, row, steps[row], weights[row], surprise[row]))
             while window[0].batch.stamp_ns < oldest_ns:
                 self._drop_oldest(slot)
                 window.popleft()

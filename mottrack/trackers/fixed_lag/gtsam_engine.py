@@ -64,7 +64,7 @@ class GtsamEngine(FixedLagEngine):
             mean, covariance = _moments(np.array([r.augmentedJacobianUnweighted() for r in roots]))
             sound = _sound(mean, covariance)
             if sound.all():
-                self._store(batch, good, net)
+                self._store(batch, good, net, roots)
                 kept = batch.slot[good]
                 self._mean[kept], self._covariance[kept] = mean, covariance
                 break
@@ -76,12 +76,12 @@ class GtsamEngine(FixedLagEngine):
     ) -> tuple[Any, list[int]]:
         graph = gtsam.GaussianFactorGraph()
         keys: list[int] = []
-        births, slots = batch.birth.tolist(), batch.slot.tolist()
+        births, slots, counts = batch.birth.tolist(), batch.slot.tolist(), rows.count.tolist()
         for row in np.nonzero(good)[0].tolist():
             slot = slots[row]
             if births[row]:
                 new = slot << _INDEX_BITS
-                count = rows.count[row]
+                count = counts[row]
                 graph.add(new, rows.current[row, :count], rows.target[row, :count])
             else:
                 chain = self._chains[slot]
@@ -113,15 +113,18 @@ class GtsamEngine(FixedLagEngine):
                 raise RuntimeError(f"elimination order changed near key {root.firstFrontalKey()}")
         return roots
 
-    def _store(self, batch: NodeBatch, good: NDArray[np.bool_], net: Any) -> None:
+    def _store(self, batch: NodeBatch, good: NDArray[np.bool_], net: Any, roots: list[Any]) -> None:
         """Takes the conditionals out of the net, which keeps the order of the tracks."""
+        births, slots = batch.birth[good].tolist(), batch.slot[good].tolist()
         position = 0
-        for slot, birth in zip(batch.slot[good].tolist(), batch.birth[good].tolist(), strict=True):
-            chain = self._chains.setdefault(slot, _Chain())
-            if not birth:
+        for slot, birth, root in zip(slots, births, roots, strict=True):
+            if birth:
+                chain = self._chains[slot] = _Chain()
+            else:
+                chain = self._chains[slot]
                 chain.conditionals.append(net.at(position))
                 position += 1
-            chain.roots.append(net.at(position))
+            chain.roots.append(root)
             chain.count += 1
             position += 1
 

@@ -26,6 +26,8 @@ class Huber:
     """Normalised distance up to which the loss is quadratic; 0 switches robust weights off."""
     flag: float = 3.0
     """Normalised innovation from which on a window is solved again."""
+    span: int = 4
+    """Nodes for which a window stays flagged: later ones hardly change the verdict."""
     iterations: int = 3
     """Re-weightings per window and frame."""
     max_windows: int = 15
@@ -57,8 +59,8 @@ class Huber:
         """Tracks with a suspicious measurement that is still open to a second look."""
         worst = {}
         for slot in slots:
-            nodes = engine.window(slot)[1:]
-            innovation = max((node.innovation.max() for node in nodes), default=0.0)
+            recent = engine.window(slot)[1:][-self.span :]
+            innovation = max((node.surprise for node in recent), default=0.0)
             if innovation > self.flag:
                 worst[slot] = innovation
         ranked = sorted(worst, key=lambda slot: (-worst[slot], slot))
