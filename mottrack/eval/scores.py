@@ -118,7 +118,8 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
     """
     config = config or ScoreConfig()
     labels = _labels(results)
-    if config.class_agnostic or not any(np.isin(r.tracks.label, labels).any() for r in results):
+    told_apart = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
+    if config.class_agnostic or not told_apart:
         return _scores(results, _class_scores(results, "", -np.inf, config), {}, config)
     figures = result_metrics(results, rules_for(labels))
     classes = {}

@@ -1,6 +1,6 @@
 """Ground truth from tables in nuScenes format; only the tables and key frames that are needed."""
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,14 @@ import numpy as np
 from mottrack.core.errors import DataError
 from mottrack.eval.nuscenes.boxes import F64, BoxTable, GroundTruth, Racks, Samples
 from mottrack.eval.nuscenes.rules import CLASS_OF_CATEGORY, RACK_CATEGORY, Rules
-from mottrack.formats.nuscenes_tables import Row, field, stream_table, table_path
+from mottrack.formats.nuscenes_tables import (
+    Row,
+    Thinning,
+    field,
+    records_with,
+    stream_table,
+    table_path,
+)
 
 LIDAR = "LIDAR_TOP"
 TABLES = (
@@ -32,6 +39,14 @@ def read_ground_truth(
     return GroundTruth(samples, boxes, racks)
 
 
+def _all_rows(_row: Row) -> bool:
+    return True
+
+
+def _encoded(tokens: Iterable[str]) -> frozenset[bytes]:
+    return frozenset(token.encode() for token in tokens)
+
+
 @dataclass(frozen=True, slots=True)
 class _Tables:
     dataroot: Path
@@ -40,9 +55,11 @@ class _Tables:
     def path(self, name: str) -> Path:
         return table_path(self.dataroot, self.version, name)
 
-    def rows(self, name: str, keep: Callable[[Row], bool] = lambda row: True) -> Iterator[Row]:
+    def rows(
+        self, name: str, keep: Callable[[Row], bool] = _all_rows, thin: Thinning | None = None
+    ) -> Iterator[Row]:
         path = self.path(name)
-        for row in stream_table(path):
+        for row in stream_table(path, thin=thin):
             try:
                 if keep(row):
                     yield row
@@ -51,12 +68,13 @@ class _Tables:
                     path, f"record {row.get('token')}", f"without {error}", "it"
                 ) from None
 
-    def column(self, name: str, value: str, tokens: Container[str] | None = None) -> dict[str, Any]:
+    def column(self, name: str, value: str, tokens: Collection[str] = ()) -> dict[str, Any]:
         """Token to one field, of all records or of those named."""
         path = self.path(name)
+        thin = records_with("token", _encoded(tokens)) if tokens else None
         return {
             row["token"]: field(row, value, path)
-            for row in self.rows(name, lambda row: tokens is None or row["token"] in tokens)
+            for row in self.rows(name, lambda row: not tokens or row["token"] in tokens, thin)
         }
 
 
@@ -100,6 +118,7 @@ def _ego_positions(tables: _Tables, samples: Sequence[str]) -> F64:
                 and row["calibrated_sensor_token"] in mounts
                 and row["sample_token"] in wanted
             ),
+            records_with("sample_token", _encoded(wanted)),
         )
     }
     path = tables.path("sample_data")
@@ -121,7 +140,8 @@ def _annotations(tables: _Tables, samples: Samples, rules: Rules) -> tuple[BoxTa
     boxes: list[tuple[int, int, int, int]] = []
     centres: list[list[float]] = []
     racks: list[tuple[int, list[float], list[float], list[float]]] = []
-    for row in tables.rows("sample_annotation", lambda row: row["sample_token"] in row_of):
+    judged = records_with("sample_token", _encoded(row_of))
+    for row in tables.rows("sample_annotation", lambda row: row["sample_token"] in row_of, judged):
         instance = row["instance_token"]
         name = _lookup(category, _lookup(category_of, instance, path, "instance"), path, "category")
         sample = row_of[row["sample_token"]]

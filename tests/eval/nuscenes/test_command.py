@@ -1,0 +1,52 @@
+"""`mottrack eval nuscenes` from the outside: its files, its tables, its complaints."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from mottrack.cli import app
+from mottrack.eval.nuscenes.validation import SubmissionError
+
+
+def run(case: Any, out: Path, *more: str) -> str:
+    arguments = ["eval", "nuscenes", "--dataroot", str(case.data), "--split", str(case.scenes)]
+    arguments += ["--submission", str(case.data / "submission.json"), "--out", str(out), *more]
+    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_everything_that_can_be_asked_for(golden: dict[str, Any], tmp_path: Path) -> None:
+    case = golden["base_s11_n3"]
+    other = ["--compare", str(case.data / "submission.json")]
+    output = run(case, tmp_path, "--hota", "--anatomy", "--bootstrap", "5", *other)
+    assert "0.595" in output.splitlines()[10]
+    for text in ("interpolation of gaps: official", "re-identification", "idf1", "95 % intervals"):
+        assert text in output
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {
+        "metrics_summary.json",
+        "metrics_details.json",
+        "metrics.csv",
+        "recall_curves.png",
+    } <= names
+    for name in names:
+        if name.endswith(".json") and name not in ("metrics_summary.json", "metrics_details.json"):
+            json.loads((tmp_path / name).read_text(), parse_constant=pytest.fail)
+    assert (
+        (tmp_path / "metrics.csv").read_text().splitlines()[-1].startswith("all,official,0.59488")
+    )
+
+
+def test_warnings_go_to_a_file_and_strict_stops_at_them(
+    golden: dict[str, Any], tmp_path: Path
+) -> None:
+    case = golden["edge_s14_n3"]
+    output = run(case, tmp_path, "--no-picture")
+    assert "more of num_pts (problems.json)" in output
+    assert len(json.loads((tmp_path / "problems.json").read_text())) > 100
+    with pytest.raises(SubmissionError):
+        run(case, tmp_path, "--strict", "--no-picture")
