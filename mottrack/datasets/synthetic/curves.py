@@ -128,3 +128,32 @@ def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, fl
         heading,
         table[a, 3] * (1.0 - u) + table[b, 3] * u,
     )
+
+
+@njit(cache=True)
+def sample_smooth(
+    paths: Paths, path: int, s_m: float
+) -> tuple[float, float, float, float, float, float]:
+    """(x, y, x', y', x'', y'') of a path as a cubic through its samples and their headings.
+
+    Unlike ``sample``, position, direction and bend are derivatives of one another.
+    """
+    first, count = paths.start[path], paths.start[path + 1] - paths.start[path]
+    inside = min(max(s_m / STEP_M, 0.0), count - 1.0)
+    row = min(int(inside), count - 2)
+    a, b = paths.samples[first + row], paths.samples[first + row + 1]
+    u, beyond = inside - row, s_m - inside * STEP_M
+    x, dx, ddx = _hermite(a[0], np.cos(a[2]) * STEP_M, b[0], np.cos(b[2]) * STEP_M, u)
+    y, dy, ddy = _hermite(a[1], np.sin(a[2]) * STEP_M, b[1], np.sin(b[2]) * STEP_M, u)
+    if beyond != 0.0:
+        ddx = ddy = 0.0
+    return x + beyond * dx, y + beyond * dy, dx, dy, ddx, ddy
+
+
+@njit(cache=True)
+def _hermite(p: float, m: float, q: float, n: float, u: float) -> tuple[float, float, float]:
+    """Value and first two derivatives by arc length of the cubic between two samples."""
+    rise, bow = 3.0 * (q - p) - 2.0 * m - n, 2.0 * (p - q) + m + n
+    value = p + u * (m + u * (rise + u * bow))
+    slope = (m + u * (2.0 * rise + 3.0 * u * bow)) / STEP_M
+    return value, slope, (2.0 * rise + 6.0 * u * bow) / (STEP_M * STEP_M)

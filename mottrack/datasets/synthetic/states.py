@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mottrack.datasets.synthetic.curves import Paths, sample
+from mottrack.datasets.synthetic.curves import Paths, sample_smooth
 from mottrack.datasets.synthetic.driving import STEP_S, Motion
 from mottrack.datasets.synthetic.traffic import Traffic
 
@@ -80,19 +80,22 @@ def _bodies(
     way, pace, push = progress
     out = np.empty((len(path), 8))
     for i in range(len(path)):
-        x, y, heading, curvature = sample(paths, path[i], way[i])
+        x, y, dx, dy, ddx, ddy = sample_smooth(paths, path[i], way[i])
+        pace_of_path = np.hypot(dx, dy)
+        bend = (dx * ddy - dy * ddx) / pace_of_path**2
         ahead, lateral, amplitude, wave, phase = habits[i]
         angle = wave * way[i] + phase
         left = lateral + amplitude * np.sin(angle)
-        slant = amplitude * wave * np.cos(angle)
-        yaw = heading + slant
-        bend = curvature - amplitude * wave * wave * np.sin(angle)
-        c, s = np.cos(yaw), np.sin(yaw)
+        along, across = pace_of_path - left * bend, amplitude * wave * np.cos(angle)
+        heading, slant = np.arctan2(dy, dx), np.arctan2(across, along)
+        bend = bend - amplitude * wave * wave * np.sin(angle)
         v, a, turn = pace[i], push[i], pace[i] * bend
+        yaw, speed = heading + slant, v * np.hypot(along, across)
+        c, s = np.cos(yaw), np.sin(yaw)
         out[i, 0] = x - left * np.sin(heading) + ahead * c
         out[i, 1] = y + left * np.cos(heading) + ahead * s
         out[i, 2], out[i, 7] = yaw, turn
-        out[i, 3], out[i, 4] = v * c - ahead * turn * s, v * s + ahead * turn * c
-        along, across = a - ahead * turn * turn, v * turn + ahead * a * bend
-        out[i, 5], out[i, 6] = along * c - across * s, along * s + across * c
+        out[i, 3], out[i, 4] = speed * c - ahead * turn * s, speed * s + ahead * turn * c
+        forward, aside = a - ahead * turn * turn, v * turn + ahead * a * bend
+        out[i, 5], out[i, 6] = forward * c - aside * s, forward * s + aside * c
     return out

@@ -48,7 +48,9 @@ def random_solids(rng, count, *, moving: bool):
         build.add(int(rng.integers(0, 3)), centre, half, rng.uniform(-3, 3), (PLAIN, 0.3))
     build.add(BOX, (0.0, 9.0, 2.0), (30.0, 0.5, 2.0), 0.1, (PLAIN, 0.3))
     solids = build.build()
-    solids.chamfer_m[:] = rng.uniform(0.0, 0.15, solids.chamfer_m.shape) * (solids.kind == BOX)[:, None]
+    solids.chamfer_m[:] = (
+        rng.uniform(0.0, 0.15, solids.chamfer_m.shape) * (solids.kind == BOX)[:, None]
+    )
     if moving:
         solids.velocity_mps[:, :2] = rng.uniform(-35.0, 35.0, (count + 1, 2))
         solids.acceleration_mps2[:, :2] = rng.uniform(-5.0, 5.0, (count + 1, 2))
