@@ -23,9 +23,21 @@ CLASS_MAP = {
     "MOTORCYCLE": "motorcycle",
     "PEDESTRIAN": "pedestrian",
     "OFFICIAL_SIGNALER": "pedestrian",
+    "Car": "car",
+    "Pickup Truck": "truck",
+    "Medium-sized Truck": "truck",
+    "Semi-truck": "truck",
+    "Bus": "bus",
+    "Motorcycle": "motorcycle",
+    "Bicycle": "bicycle",
+    "Pedestrian": "pedestrian",
+    "Pedestrian with Object": "pedestrian",
 }
-"""Argoverse category to tracking class. Other categories keep their own name in lower case: they
-are not scored (a rider is a cuboid beside that of the bicycle), but flow truth needs them."""
+"""Argoverse category to tracking class, and PandaSet's for logs in this layout.
+
+Other categories keep their own name in lower case: they are not scored (a rider is a cuboid
+beside that of the bicycle), but flow truth needs them.
+"""
 
 
 class Argoverse2Config(StrictModel):

@@ -17,7 +17,8 @@ from mottrack.datasets.argoverse2.feather import POSE, SIZE
 from mottrack.datasets.counting import counted_points
 from mottrack.datasets.rigid import quaternion_wxyz, yaw_quaternions
 
-CATEGORY_OF = {label: category for category, label in reversed(CLASS_MAP.items())} | {
+_ARGOVERSE = {category: label for category, label in CLASS_MAP.items() if category.isupper()}
+CATEGORY_OF = {label: category for category, label in reversed(_ARGOVERSE.items())} | {
     "truck": "TRUCK"
 }
 DETECTIONS = "detections.feather"
