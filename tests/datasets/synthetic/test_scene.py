@@ -201,5 +201,5 @@ def test_unknown_scene_and_sweep_are_named():
     dataset = SyntheticDataset(config())
     with pytest.raises(ConfigError, match="synthetic-s0004-0001"):
         dataset.scene("synthetic-s0004-0011")
-    with pytest.raises(InputError, match="0 .. 14"):
+    with pytest.raises(InputError, match=r"0 \.\. 14"):
         dataset.scene("synthetic-s0004-0001").sweep(15)
