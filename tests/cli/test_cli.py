@@ -50,3 +50,18 @@ def test_main_lets_no_user_error_through(
         main()
     assert stop.value.code == 2
     assert "unknown config 'no_such_config'" in capsys.readouterr().err
+
+
+def test_a_failed_scene_is_named_at_the_end_with_exit_code_3(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "pipeline"))
+    (tmp_path / "toy.yaml").write_text(
+        "dataset: {kind: 'toy_plugins:ToyDataset', scenes: [a, poison]}\n"
+        "flow: zero\ntracker: {kind: 'toy_plugins:EchoTracker'}\n"
+    )
+    done = run_cli("run", str(tmp_path / "toy.yaml"), "--out", str(tmp_path / "out"))
+    assert done.returncode == 3, done.stderr
+    assert "failed poison: toy/poison.bin: point 7 is nan, expected a finite number" in done.stdout
+    assert (tmp_path / "out" / "scores.json").exists()
+    assert (tmp_path / "out" / "report.html").exists()
