@@ -33,8 +33,8 @@ $(READY): pyproject.toml constraints.txt
 # The official evaluators pin other versions of numpy, so they live in an environment of their own.
 oracle: $(READY)
 	test -x .venv-oracle/bin/python || $(PYTHON) -m venv .venv-oracle
-	.venv-oracle/bin/python -m pip install -q -r tests/oracle/requirements.txt
-	$(TEST_ENV) .venv-oracle/bin/python -m pytest -q tests/oracle -o addopts=--import-mode=importlib
+	.venv-oracle/bin/python -m pip install -q --no-deps -r tests/oracle/requirements.txt
+	$(TEST_ENV) .venv-oracle/bin/python -m pytest -q tests/oracle -o addopts=
 
 peers:
 	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
