@@ -1,4 +1,4 @@
-"""``mottrack synth`` and ``mottrack check``."""
+"""``mottrack synth``, ``mottrack check`` and ``mottrack submit``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ def register(app: typer.Typer) -> None:
     """Adds the commands of this module."""
     app.command("synth")(synth)
     app.command("check")(check)
+    app.command("submit")(submit)
 
 
 def synth(
@@ -64,3 +65,29 @@ def check(
         typer.echo(line)
     if result.findings:
         raise typer.Exit(EXIT_FAULTS)
+
+
+def submit(
+    run: Annotated[Path, typer.Argument(help="folder of a finished run on nuScenes")],
+    *,
+    out: Annotated[Path, typer.Option("--out", help="the submission, a JSON file")],
+    root: Annotated[
+        Path | None, typer.Option(help="the data set, to make sure that no sample is missing")
+    ] = None,
+    split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
+) -> None:
+    """Write the tracks of a run as a nuScenes tracking submission."""
+    from mottrack.core import SceneResult
+    from mottrack.core.errors import DataError
+    from mottrack.datasets.nuscenes.config import NuScenesConfig
+    from mottrack.datasets.nuscenes.dataset import NuScenes
+    from mottrack.datasets.nuscenes.submission import write_submission
+
+    files = sorted(p for p in (run / "scenes").glob("*.npz") if "." not in p.stem)
+    if not files:
+        raise DataError(run, "scenes", "none", "scenes/<scene>.npz of a finished run")
+    tokens = None
+    if root is not None:
+        tokens = NuScenes(NuScenesConfig(root=root, split=split)).sample_tokens()
+    boxes = write_submission(out, map(SceneResult.load, files), sample_tokens=tokens)
+    typer.echo(f"{out}: {boxes} boxes in {len(files)} scenes")

@@ -1,5 +1,6 @@
-"""`mottrack check` and `mottrack synth` as commands."""
+"""`mottrack check`, `synth` and `submit` as commands."""
 
+import json
 import shutil
 
 import numpy as np
@@ -7,6 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from mottrack.cli import app
+from mottrack.core import DataError, FrameTable, SceneResult, TrackTable, TruthTable
+from mottrack.datasets.nuscenes.config import NuScenesConfig
+from mottrack.datasets.nuscenes.dataset import NuScenes
 
 
 def run(*arguments):
@@ -61,3 +65,44 @@ def test_synth_writes_a_new_folder_only(tmp_path):
         raise run(*command).exception
     with pytest.raises(Exception, match=r"unknown format 'kiti'.*did you mean 'kitti'"):
         raise run("synth", tmp_path / "other", "--format", "kiti").exception
+
+
+def test_submit_writes_every_sample_of_a_run(written_roots, tmp_path):
+    """At most 500 boxes a sample, the surest; and a scene that was not tracked is noticed."""
+    dataset = NuScenes(NuScenesConfig(root=written_roots["nuscenes"], rate_hz=2))
+    scene = dataset.scene(dataset.scene_names[0])
+    frames = [scene.frame(i) for i in range(len(scene))]
+    tracks = crowd(600)
+    run_folder = tmp_path / "run"
+    result = SceneResult(scene.name, FrameTable.of(frames), TruthTable.empty(), tracks)
+    result.save(run_folder / "scenes" / f"{scene.name}.npz")
+    out = tmp_path / "submission.json"
+    command = ("submit", run_folder, "--out", out, "--root", written_roots["nuscenes"])
+    assert run(*command).exit_code == 0
+    content = json.loads(out.read_text())
+    assert list(content["results"]) == [frame.token for frame in frames]
+    boxes = content["results"][frames[0].token]
+    assert len(boxes) == 500
+    assert min(box["tracking_score"] for box in boxes) >= 0.1
+    assert boxes[0]["size"] == [2.0, 4.0, 1.5]
+    assert boxes[0]["tracking_id"].startswith(f"{scene.name}_")
+    shorter = SceneResult(scene.name, FrameTable.of(frames[:-1]), TruthTable.empty(), tracks)
+    shorter.save(run_folder / "scenes" / f"{scene.name}.npz")
+    with pytest.raises(DataError, match="1 are missing"):
+        raise run(*command).exception
+
+
+def crowd(count):
+    return TrackTable(
+        frame=np.zeros(count, dtype=np.int64),
+        id=np.arange(count),
+        label=np.full(count, "car"),
+        centre_m=np.zeros((count, 3)),
+        size_m=np.tile([4.0, 2.0, 1.5], (count, 1)),
+        yaw_rad=np.zeros(count),
+        velocity_mps=np.zeros((count, 2)),
+        velocity_covariance_m2ps2=np.tile(np.eye(2), (count, 1, 1)),
+        score=np.linspace(0.0, 1.0, count),
+        observed=np.ones(count, dtype=bool),
+        hull_corners=np.zeros(count, dtype=np.int64),
+    )

@@ -12,7 +12,7 @@ from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.scene import NuScenesScene
 from mottrack.datasets.nuscenes.store import RecordStore
-from mottrack.datasets.nuscenes.tables import Tables
+from mottrack.datasets.nuscenes.tables import Tables, text_of
 from mottrack.formats.nuscenes_splits import resolve_split
 
 
@@ -69,10 +69,14 @@ class NuScenes:
             raise unknown_name("scene", name, self.scene_names)
         return NuScenesScene(name, self._store.record(name), self._config, self._detections)
 
+    def sample_tokens(self) -> list[str]:
+        """Return the key frames of all scenes, as a submission must have them."""
+        records = (self._store.record(name) for name in self.scene_names)
+        return [token for record in records for token in text_of(record.sample_token)]
+
     @cached_property
     def _store(self) -> RecordStore:
-        folder = cache_folder(self._config.cache_dir) if self._config.cache else None
-        store = RecordStore(self._tables, self.scene_names, folder)
+        store = RecordStore(self._tables, self.scene_names, self._cache_dir)
         store.prepare()
         return store
 
@@ -81,7 +85,11 @@ class NuScenes:
         path = self._config.detections
         if path is None:
             return None
-        return DetectionFile(path if path.is_file() else self._config.root / path)
+        return DetectionFile(path if path.is_file() else self._config.root / path, self._cache_dir)
+
+    @property
+    def _cache_dir(self) -> Path | None:
+        return cache_folder(self._config.cache_dir) if self._config.cache else None
 
 
 def _version(root: Path, split: str | None) -> str:

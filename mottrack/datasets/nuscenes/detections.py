@@ -8,8 +8,6 @@ boxes of a sample are parsed when they are asked for.
 from __future__ import annotations
 
 import json
-import mmap
-import re
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,15 +17,14 @@ import orjson
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
-from mottrack.datasets.faults import MissingError, OutOfOrderError, TruncatedError
+from mottrack.datasets.faults import MissingError, TruncatedError
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
+from mottrack.datasets.nuscenes.detection_index import indexed
 from mottrack.datasets.nuscenes.truth import yaw_of
 from mottrack.datasets.rigid import quaternion_length
 from mottrack.datasets.tables import DetectionTable
 
-_SAMPLE = re.compile(rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])')
-_END_BYTES = 256
 _KINDS = (
     Kind("sample_token", text=True),
     Kind("translation", 3),
@@ -41,37 +38,12 @@ _KINDS = (
 class DetectionFile:
     """The boxes of each sample of a detection file."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, cache_dir: Path | None = None) -> None:
+        self._path, self._cache_dir = path, cache_dir
 
     @cached_property
     def _spans(self) -> dict[str, tuple[int, int]]:
-        """Where the list of each sample begins, and where the next key or the file's end is."""
-        try:
-            with self._path.open("rb") as file, _mapped(file, self._path) as text:
-                places = [(m.group(1), m.start(), m.end()) for m in _SAMPLE.finditer(text)]
-                size = len(text)
-                self._check_envelope(text, places[0][1] if places else size)
-        except OSError as error:
-            raise DataError(self._path, "file", error.strerror, "a detection file") from error
-        ends = [start for _, start, _ in places[1:]] + [size] * bool(places)
-        spans = {}
-        for (token, _, start), end in zip(places, ends, strict=True):
-            name = token.decode(errors="replace")
-            if name in spans:
-                raise OutOfOrderError(
-                    self._path, f"results[{name}]", "repeated", "each sample once"
-                )
-            spans[name] = (start, end)
-        return spans
-
-    def _check_envelope(self, text: mmap.mmap, first: int) -> None:
-        """The parts about the samples: `{"meta": {..}, "results": {` and, at the end, `}}`."""
-        if text.find(b'"results"', 0, first) < 0:
-            raise DataError(self._path, "results", "missing", "a file with meta and results")
-        end = b"".join(text[-_END_BYTES:].split())
-        if not end.endswith(b"}}"):
-            raise TruncatedError(self._path, "end of file", end[-20:], "two closing braces")
+        return indexed(self._path, self._cache_dir).spans()
 
     def __contains__(self, sample_token: str) -> bool:
         return sample_token in self._spans
@@ -115,7 +87,6 @@ class DetectionFile:
     def _rows(self, token: str) -> list[dict[str, Any]]:
         start, end = self._spans[token]
         with self._path.open("rb") as file:
-            # the pattern consumed the opening bracket
             file.seek(start)
             text = b"[" + file.read(end - start)
         rows = _first_value(text)
@@ -148,12 +119,6 @@ class DetectionFile:
                 value = columns[name][bad].tolist()
                 shown = value.decode() if isinstance(value, bytes) else value
                 raise DataError(self._path, f"{where}[{bad}].{name}", shown, expected)
-
-
-def _mapped(file: Any, path: Path) -> mmap.mmap:
-    if not path.stat().st_size:
-        raise DataError(path, "size in bytes", 0, "a detection file")
-    return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def _first_value(text: bytes) -> Any:

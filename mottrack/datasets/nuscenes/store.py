@@ -63,8 +63,12 @@ class RecordStore:
 
     def _build(self, folder: Path) -> dict[str, SceneRecord]:
         records = build_records(self._tables, self._names)
-        for name, record in records.items():
-            record.save(_entry(folder, name))
+        try:
+            for name, record in records.items():
+                record.save(_entry(folder, name))
+        except OSError:
+            # a cache that can't be written is done without
+            self._folder, self._records = None, records
         return records
 
 
