@@ -68,6 +68,15 @@ class Tracker(Protocol):
 
 
 @runtime_checkable
+class OfflineTracker(Tracker, Protocol):
+    """A tracker that may look at a scene again when it is over."""
+
+    def finish(self, steps: list[Tracks]) -> list[Tracks]:
+        """The scene's tracks given all of it; ``steps`` are what ``step`` returned, in order."""
+        ...
+
+
+@runtime_checkable
 class Scene(Protocol):
     """A recorded drive: frames in order of time, with a sweep each where recorded."""
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import Scene
+from mottrack.core.interfaces import OfflineTracker, Scene
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
@@ -61,6 +61,8 @@ def run_scene(
             frames.append(frame)
             pipeline.watch.next_frame()
         on_frame(index + 1, len(scene))
+    if isinstance(pipeline.tracker, OfflineTracker):
+        steps = pipeline.tracker.finish(steps)
     result = _result(scene, frames, steps, judge.samples())
     result = replace(result, timings_s=pipeline.watch.seconds())
     return SceneRun(result, album.snapshots)

@@ -66,7 +66,8 @@ def test_equals_filterpy(steps: list[Tracks]) -> None:
 
 
 def test_fills_gaps_and_comes_nearer_to_the_truth(steps: list[Tracks]) -> None:
-    smoothed = smooth(steps)
+    smoothed = KalmanTracker(KalmanTracker.Config(smooth=True)).finish(steps)
+    assert KalmanTracker().finish(steps) is steps
     assert [len(s) for s in smoothed] == [1] * 50
     assert not smoothed[25].observed[0]
     assert smoothed[10].observed[0]

@@ -169,6 +169,9 @@ class KalmanConfig(StrictModel):
     yaw: Literal["vote", "published"] = Field(
         "vote", description="how opposite headings are told apart (both compare modulo pi)"
     )
+    smooth: bool = Field(
+        False, description="retrace tracks when the scene is over, gaps filled: for labels"
+    )
     diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.nis`")
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
     motion: MotionConfig = Field(default_factory=MotionConfig)
@@ -178,6 +181,12 @@ class KalmanConfig(StrictModel):
     second_stage: SecondStageConfig = Field(default_factory=SecondStageConfig)
     nms: NmsConfig = Field(default_factory=NmsConfig)
     life: LifeConfig = Field(default_factory=LifeConfig)
+
+    @model_validator(mode="after")
+    def _can_smooth(self) -> Self:
+        if self.smooth and (self.time == "frames" or self.motion.mixes()):
+            raise ValueError("smooth needs time in seconds and single motion models, no imm")
+        return self
 
     @model_validator(mode="before")
     @classmethod

@@ -23,7 +23,6 @@ PRESETS: dict[str, dict[str, Any]] = {
     "default": {
         "association": {
             "components": "planar",
-            "method": "hungarian",
             "gate": 5.0,
             "stray_per_m2": 0.01,
             "velocity_limit": 3.0,

@@ -69,6 +69,19 @@ class KalmanTracker:
         self._bury(self._life.alive(self._book, stamp_ns))
         return tracks
 
+    def finish(self, steps: list[Tracks]) -> list[Tracks]:
+        """The tracks of a finished scene: smoothed if the settings ask for it, else as they were.
+
+        Raises:
+            ConfigError: the settings count in frames or mix models, which cannot be retraced.
+        """
+        if not self.config.smooth:
+            return steps
+        # the smoother is built on this package's parts, and most trackers never need it
+        from mottrack.trackers.smoothing import smooth
+
+        return smooth(steps, self.config)
+
     def _elapsed_s(self, stamp_ns: int) -> float:
         stamp_ns = as_stamp("stamp_ns", stamp_ns)
         if self._stamp_ns is None:
