@@ -71,21 +71,20 @@ def _cast(scan: Scan, world: World, candidates: Candidates, seed: np.uint64) -> 
         np.zeros((columns, rings)),
     )
     beams, stands = _beams(scan), _columns_of_beams(scan.offset_rad)
-    table = _describe(world)
+    table, rays, met = _describe(world), np.empty((rings, 6)), np.empty((rings, 4))
     for column in range(columns):
         chosen = candidates.solid[candidates.start[column] : candidates.start[column + 1]]
-        near = table[chosen]
-        _enter_frames(scan, world.solids, chosen, column, near)
-        rays = _directions(scan, beams, column)
-        met = _first_solids(near, rays, mix(seed, column), scan.max_range_m)
+        _enter_frames(scan, world.solids, chosen, column, table)
+        _directions(scan, beams, column, rays)
+        met[:, 0], met[:, 1], met[:, 2], met[:, 3] = scan.max_range_m, 0.0, _NOTHING, 0.0
+        _first_solids(table, chosen, rays, mix(seed, column), met)
         _keep_nearest(world.terrain, scan.origin_m[column], rays, stands, met)
         for ring in range(rings):
-            index = int(met[ring, 2])
-            if index == _NOTHING:
+            solid = int(met[ring, 2])
+            if solid == _NOTHING:
                 continue
             returns.range_m[column, ring], returns.cosine[column, ring] = met[ring, 0], met[ring, 1]
-            returns.material[column, ring] = int(met[ring, 3])
-            returns.solid[column, ring] = chosen[index] if index >= 0 else GROUND
+            returns.material[column, ring], returns.solid[column, ring] = int(met[ring, 3]), solid
     return returns
 
 
@@ -106,18 +105,23 @@ def _beams(scan: Scan) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def _directions(scan: Scan, beams: NDArray[np.float64], column: int) -> NDArray[np.float64]:
-    """(R, 3) directions of the beams of one column in the world."""
+def _directions(
+    scan: Scan, beams: NDArray[np.float64], column: int, rays: NDArray[np.float64]
+) -> None:
+    """Fills (R, 6): the direction of each beam of a column in the world; its course: the same per
+    metre of way over ground, x, y and climb.
+    """
     ca, sa = np.cos(scan.azimuth_rad[column]), np.sin(scan.azimuth_rad[column])
     r = scan.rotation[column]
-    rays = np.empty((len(beams), 3))
     for ring in range(len(beams)):
         x = beams[ring, 0] * (ca * beams[ring, 2] - sa * beams[ring, 3])
         y = beams[ring, 0] * (sa * beams[ring, 2] + ca * beams[ring, 3])
         z = beams[ring, 1]
         for axis in range(3):
             rays[ring, axis] = r[axis, 0] * x + r[axis, 1] * y + r[axis, 2] * z
-    return rays
+        per_metre = 1.0 / np.sqrt(1.0 - rays[ring, 2] * rays[ring, 2])
+        for axis in range(3):
+            rays[ring, 3 + axis] = rays[ring, axis] * per_metre
 
 
 @njit(cache=True)
@@ -151,15 +155,15 @@ def _enter_frames(
     solids: Solids,
     chosen: NDArray[np.int64],
     column: int,
-    near: NDArray[np.float64],
+    table: NDArray[np.float64],
 ) -> None:
     """Completes the rows of the chosen solids by where the sensor is in their frames."""
     time, sensor, rates = scan.time_s[column], scan.origin_m[column], solids.yaw_rate_radps
-    for i in range(len(chosen)):
-        x, y, z, yaw = solid_pose_at(solids, chosen[i], time)
+    for p in chosen:
+        x, y, z, yaw = solid_pose_at(solids, p, time)
         dx, dy = sensor[0] - x, sensor[1] - y
-        row = near[i]
-        if rates[chosen[i]] != 0.0:
+        row = table[p]
+        if rates[p] != 0.0:
             row[_TURN], row[_TURN + 1] = np.cos(yaw), np.sin(yaw)
         c, s = row[_TURN], row[_TURN + 1]
         row[_PLACE], row[_PLACE + 1] = c * dx + s * dy, c * dy - s * dx
@@ -170,45 +174,52 @@ def _enter_frames(
 
 @njit(cache=True, error_model="numpy")
 def _first_solids(
-    near: NDArray[np.float64], rays: NDArray[np.float64], seed: np.uint64, limit_m: float
-) -> NDArray[np.float64]:
-    """(R, 4) per beam: range, cosine, row of the candidate met first, its material.
+    near: NDArray[np.float64],
+    chosen: NDArray[np.int64],
+    rays: NDArray[np.float64],
+    seed: np.uint64,
+    met: NDArray[np.float64],
+) -> None:
+    """Fills (R, 4) per beam: range, cosine, the solid met first, its material.
 
     Solids outside, beams inside: of a fan of beams few have the height of a given solid.
     """
-    met = np.empty((len(rays), 4))
-    met[:, 0], met[:, 1], met[:, 2], met[:, 3] = limit_m, 0.0, _NOTHING, 0.0
-    course, slack = _courses(rays)
-    for i in range(len(near)):
-        low, high = _climbs(near[i, _HEIGHT], near[i, _TOP], near[i, _FIRST], near[i, _LAST])
-        ring = np.searchsorted(course[:, 2], low - slack)
-        while ring < len(rays) and course[ring, 3] <= high + slack:
-            aside = course[ring, 0] * near[i, _AWAY + 1] - course[ring, 1] * near[i, _AWAY]
-            if abs(aside) <= near[i, _RADIUS] and near[i, _FIRST] < met[ring, 0]:
+    slack = _disorder(rays)
+    for p in chosen:
+        low, high = _climbs(near[p, _HEIGHT], near[p, _TOP], near[p, _FIRST], near[p, _LAST])
+        ring = _first_beam(rays, low - 2.0 * slack)
+        while ring < len(rays) and rays[ring, 5] <= high + slack:
+            aside = rays[ring, 3] * near[p, _AWAY + 1] - rays[ring, 4] * near[p, _AWAY]
+            if abs(aside) <= near[p, _RADIUS] and near[p, _FIRST] < met[ring, 0]:
                 ray = (rays[ring, 0], rays[ring, 1], rays[ring, 2])
-                t, cosine = _meet(near, i, mix(seed, ring), (ray, met[ring, 0]))
+                t, cosine = _meet(near, p, mix(seed, ring), (ray, met[ring, 0]))
                 if t < met[ring, 0]:
-                    met[ring, 0], met[ring, 1], met[ring, 2] = t, cosine, i
-                    met[ring, 3] = near[i, _MATERIAL]
+                    met[ring, 0], met[ring, 1], met[ring, 2] = t, cosine, p
+                    met[ring, 3] = near[p, _MATERIAL]
             ring += 1
-    return met
 
 
 @njit(cache=True)
-def _courses(rays: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """(R, 4) per metre of way: x, y, running maximum of the climb, climb; and its disorder.
-
-    A tilted sensor's beams do not climb strictly in order; the second result bounds by how much.
-    """
-    course, slack, most = np.empty((len(rays), 4)), 0.0, -np.inf
+def _disorder(rays: NDArray[np.float64]) -> float:
+    """By how much a beam climbs less than one below it, as those of a tilted sensor do."""
+    slack, most = 0.0, -np.inf
     for ring in range(len(rays)):
-        flat = np.sqrt(1.0 - rays[ring, 2] * rays[ring, 2])
-        climb = rays[ring, 2] / flat
-        most = max(most, climb)
-        slack = max(slack, most - climb)
-        course[ring, 0], course[ring, 1] = rays[ring, 0] / flat, rays[ring, 1] / flat
-        course[ring, 2], course[ring, 3] = most, climb
-    return course, slack
+        most = max(most, rays[ring, 5])
+        slack = max(slack, most - rays[ring, 5])
+    return slack
+
+
+@njit(cache=True)
+def _first_beam(rays: NDArray[np.float64], climb: float) -> int:
+    """A beam below which none climbs ``climb``, by halving; right up to the disorder."""
+    low, high = 0, len(rays)
+    while low < high:
+        middle = (low + high) // 2
+        if rays[middle, 5] < climb:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @njit(cache=True, error_model="numpy")

@@ -92,7 +92,7 @@ def ground_walk(
         height_m: heights of the terrain.
         frame: of the heights.
         sensor_m: (3,) where the beams start.
-        rays: (R, 3) directions, lowest first.
+        rays: (R, 6) direction of each beam, and x, y and climb per metre of way; lowest first.
         choice: number of the stand of each beam, which stand to do, and (R,) ranges beyond which
             the answer does not matter.
     """
@@ -103,18 +103,17 @@ def ground_walk(
     for ring in range(len(rays)):
         if stands[ring] != stand:
             continue
-        flat = np.sqrt(1.0 - rays[ring, 2] * rays[ring, 2])
-        climb, end = rays[ring, 2] / flat, limit_m[ring] * flat
+        x, y, climb = rays[ring, 3], rays[ring, 4], rays[ring, 5]
+        end = limit_m[ring]
         while way < end and sensor_m[2] + climb * way >= ground:
             before, ground_before = way, ground
             way += max(_STRIDE_M, _STRIDE_GROWTH * way)
-            x = sensor_m[0] + way * rays[ring, 0] / flat
-            y = sensor_m[1] + way * rays[ring, 1] / flat
-            ground = height_at(height_m, frame, x, y)
+            ground = height_at(height_m, frame, sensor_m[0] + way * x, sensor_m[1] + way * y)
         over = sensor_m[2] + climb * before - ground_before
         under = ground - sensor_m[2] - climb * way
         if under > 0.0:
-            hits[ring] = (before + (way - before) * over / (over + under)) / flat
+            there = before + (way - before) * over / (over + under)
+            hits[ring] = there * np.sqrt(1.0 + climb * climb)
     return hits
 
 
