@@ -32,14 +32,32 @@ class Walk:
 
 
 def check_dataset(dataset: Dataset, walk: Walk) -> CheckResult:
-    """Check every scene."""
+    """Check every scene; a fault that all scenes share, as in a table, is reported once."""
     names = dataset.scene_names
+    shared = _shared_fault(dataset, names)
+    if shared is not None:
+        return CheckResult(dataset.name, (shared,))
     workers = min(walk.workers or os.cpu_count() or 1, len(names))
     run = partial(_check_named, dataset, walk.every)
     if workers == 1:
         return CheckResult(dataset.name, tuple(map(run, names)))
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return CheckResult(dataset.name, tuple(pool.map(run, names)))
+
+
+def _shared_fault(dataset: Dataset, names: tuple[str, ...]) -> SceneCheck | None:
+    """The fault that keeps the first two scenes from opening, if it is one and the same."""
+    faults: list[MottrackError] = []
+    for name in names[:2]:
+        try:
+            dataset.scene(name)
+        except MottrackError as error:
+            faults.append(error)
+    if len(faults) < 2 or str(faults[0]) != str(faults[1]):
+        return None
+    check = SceneCheck("every scene")
+    check.add_error(faults[0])
+    return check
 
 
 def _check_named(dataset: Dataset, every: int, name: str) -> SceneCheck:
