@@ -22,24 +22,34 @@ class Assignment(NamedTuple):
     """(cells + 1,) `order[start[c]:start[c + 1]]` are the particles of cell c."""
 
 
-def assign(particles: Particles, window: Window, workers: Workers) -> Assignment:
-    """Sorts the particles by cell; a stable sort, so the order does not depend on threads."""
+def assign(particles: Particles, window: Window, before: Window, workers: Workers) -> Assignment:
+    """Sorts the particles by cell; a stable sort, so the order does not depend on threads.
+
+    Only cells that were in the window `before` can hold particles. What lay beyond its edge was
+    not known, and what is seen there now would all seem to have crossed the edge with the vehicle.
+    """
     count = len(particles.x_m)
     cell = np.empty(count, np.int32)
-    workers.run(_cells, count, particles, window, cell)
+    workers.run(_cells, count, particles, window, window.kept_from(before), cell)
     order = np.empty(count, np.int32)
     start = _sort(cell, window.rows * window.cols, order)
     return Assignment(order, start)
 
 
 @njit(cache=True, nogil=True)
-def _cells(span: Span, particles: Particles, window: Window, cell: NDArray[np.int32]) -> None:
+def _cells(
+    span: Span,
+    particles: Particles,
+    window: Window,
+    kept: tuple[int, int, int, int],
+    cell: NDArray[np.int32],
+) -> None:
     outside = window.rows * window.cols
     per_m = np.float32(1.0 / window.cell_m)
     for i in range(span[0], span[1]):
         col = int(np.floor(particles.x_m[i] * per_m))
         row = int(np.floor(particles.y_m[i] * per_m))
-        inside = (col >= 0) & (col < window.cols) & (row >= 0) & (row < window.rows)
+        inside = (row >= kept[0]) & (row < kept[1]) & (col >= kept[2]) & (col < kept[3])
         cell[i] = row * window.cols + col if inside else outside
 
 

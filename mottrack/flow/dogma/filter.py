@@ -87,8 +87,9 @@ class DynamicGridFilter:
                 or the window has another size than before.
         """
         self._check(measured, window, dt_s)
-        self._follow(window, dt_s)
-        assignment = assign(self._particles, window, self._workers)
+        before = self._window or window
+        self._follow(before, window, dt_s)
+        assignment = assign(self._particles, window, before, self._workers)
         weight = survival_over(dt_s, self.config.motion) * self._mass_each
         posterior, split = update_occupancy(
             Carried(assignment.start, weight),
@@ -113,10 +114,9 @@ class DynamicGridFilter:
         self._cycle += 1
         return GridMap(window, posterior, split, moments)
 
-    def _follow(self, window: Window, dt_s: float) -> None:
+    def _follow(self, before: Window, window: Window, dt_s: float) -> None:
         """Predicts the particles and moves everything to the new window."""
-        previous = self._window or window
-        rows, cols = previous.offset_to(window)
+        rows, cols = before.offset_to(window)
         shift_m = (-cols * window.cell_m, -rows * window.cell_m)
         motion = Motion.over(dt_s, shift_m, self.config.motion)
         count = self.config.particles

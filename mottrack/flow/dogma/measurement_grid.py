@@ -25,9 +25,9 @@ class SensorConfig(StrictModel):
     azimuth_bins: int = Field(720, ge=8, le=7200, description="directions of the polar view")
     occupied_mass: float = Field(0.9, gt=0, lt=1, description="evidence of a single return")
     range_noise_m: float = Field(0.05, ge=0, description="standard deviation of a return's range")
-    free_mass_near: float = Field(0.85, ge=0, lt=1, description="evidence of free space at 0 m")
+    free_mass_near: float = Field(0.95, ge=0, lt=1, description="evidence of free space at 0 m")
     free_mass_far: float = Field(
-        0.3, ge=0, lt=1, description="... at `max_range_m`, linear between"
+        0.4, ge=0, lt=1, description="... at `max_range_m`, linear between"
     )
     max_range_m: float = Field(70.0, gt=0, description="nothing is known to be free farther away")
     no_return_free_m: float = Field(

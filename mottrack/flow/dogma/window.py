@@ -44,6 +44,12 @@ class Window(NamedTuple):
         """(rows, columns) by which `other` lies further along."""
         return other.row0 - self.row0, other.col0 - self.col0
 
+    def kept_from(self, before: Window) -> tuple[int, int, int, int]:
+        """First and one past the last row and column that were in the window before, too."""
+        rows, _ = _overlap(self.rows, self.row0 - before.row0)
+        cols, _ = _overlap(self.cols, self.col0 - before.col0)
+        return rows.start, rows.stop, cols.start, cols.stop
+
 
 def moved(values: NDArray[np.float32], offset: tuple[int, int]) -> NDArray[np.float32]:
     """Values (rows, cols) of the same cells after the window moved by `offset`; new cells are 0."""

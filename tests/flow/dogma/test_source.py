@@ -1,0 +1,174 @@
+"""`flow=dogma` as its users see it: sweeps in, a flow field of the ego frame out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from mottrack.core.errors import InputError
+from mottrack.core.grid import BevGrid
+from mottrack.core.pose import Pose, rotation_2d
+from mottrack.core.sweep import Sweep
+from mottrack.flow.dogma.source import DogmaFlow
+
+GRID = BevGrid(-20.0, 20.0, -20.0, 20.0, 0.25)
+ORIGIN_M = np.array([0.0, 0.0, 1.8])
+
+
+def config(**more):
+    return DogmaFlow.Config(filter={"particles": 60_000, "births": 6_000}, threads=1, **more)
+
+
+def ground_and_box(box_m, rings, sector_deg, rng):
+    """Rings of ground returns at z = 0 and the near face of a box 2 m wide, world frame."""
+    azimuth = np.radians(rng.uniform(-sector_deg / 2, sector_deg / 2, rings * 400))
+    reach = np.repeat(np.linspace(4.0, 30.0, rings), 400)
+    xy_m = reach[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    ground = np.column_stack([xy_m, rng.normal(0, 0.02, len(xy_m))])
+    side = rng.uniform(-1, 1, 1_000)
+    near = np.column_stack([np.full(1_000, box_m[0] - 1.0), box_m[1] + side])
+    shadow = (np.abs(xy_m[:, 1] / xy_m[:, 0] - box_m[1] / box_m[0]) < 0.2) & (xy_m[:, 0] > box_m[0])
+    faces = np.column_stack([near, rng.uniform(0.4, 1.6, 1_000)])
+    return np.concatenate([ground[~shadow], faces])
+
+
+def sweep(k, *, yaw_rad=0.0, speed_mps=8.0, rings=32, sector_deg=360.0, empty=False):
+    """Sweep number k of a box that drives ahead; the ego vehicle stands, turned by `yaw_rad`."""
+    rng = np.random.default_rng(k)
+    world_T_ego = Pose.from_yaw(yaw_rad, [4e5, 5e6, 30.0])
+    points = ground_and_box((8.0 + 0.1 * k * speed_mps, 1.0), rings, sector_deg, rng)
+    points[:, :2] = points[:, :2] @ rotation_2d(-yaw_rad).T
+    points = points[:0] if empty else points
+    return Sweep(
+        points.astype(np.float32),
+        np.zeros(len(points), np.float32),
+        1_600_000_000_000_000_000 + k * 100_000_000,
+        world_T_ego,
+        ORIGIN_M,
+    )
+
+
+def drive(source, count=11, **more):
+    for k in range(1, count):
+        field = source.estimate(sweep(k - 1, **more), sweep(k, **more))
+    return field
+
+
+def box_cells(field, yaw_rad=0.0, count=10):
+    place = rotation_2d(-yaw_rad) @ [8.0 + 0.8 * count, 1.0]
+    near = np.hypot(*np.moveaxis(GRID.centres_m() - place, -1, 0)) < 2.0
+    return near & field.valid
+
+
+@pytest.mark.parametrize("rings", [32, 64])
+@pytest.mark.parametrize("sector_deg", [360.0, 90.0])
+def test_a_driving_box_for_every_kind_of_sensor(rings, sector_deg):
+    source = DogmaFlow(config(), grid=GRID)
+    field = drive(source, rings=rings, sector_deg=sector_deg)
+    cells = box_cells(field)
+    assert cells.sum() >= 5
+    mean = field.velocity_mps[cells].mean(axis=0)
+    assert np.abs(mean - [8.0, 0.0]).max() < 0.7
+    assert (field.valid <= field.occupied).all()
+    assert field.weight[cells].min() >= 0.6
+    assert np.linalg.eigvalsh(field.covariance_m2ps2[cells].astype(float)).min() > 0
+    assert source.moving().sum() > 0
+    if sector_deg < 360:
+        behind = source.grid_map.masses.free[:, : source.grid_map.window.cols // 2 - 8]
+        assert behind.max() == 0
+
+
+def test_the_field_turns_with_the_ego_frame():
+    yaw_rad = 2.0
+    straight = drive(DogmaFlow(config(), grid=GRID))
+    turned = drive(DogmaFlow(config(), grid=GRID), yaw_rad=yaw_rad)
+    expected = straight.velocity_mps[box_cells(straight)].mean(axis=0) @ rotation_2d(-yaw_rad).T
+    found = turned.velocity_mps[box_cells(turned, yaw_rad)].mean(axis=0)
+    np.testing.assert_allclose(found, expected, atol=0.5)
+    along = rotation_2d(-yaw_rad) @ [1.0, 0.0]
+    covariance = turned.covariance_m2ps2[box_cells(turned, yaw_rad)].mean(axis=0)
+    other = straight.covariance_m2ps2[box_cells(straight)].mean(axis=0)
+    np.testing.assert_allclose(along @ covariance @ along, other[0, 0], rtol=0.5, atol=0.3)
+
+
+def test_reset_begins_anew_and_pairs_may_skip_sweeps():
+    source = DogmaFlow(config(), grid=GRID)
+    first = drive(source, 4)
+    source.reset()
+    assert source.grid_map is None
+    assert source.moving() is None
+    again = drive(source, 4)
+    np.testing.assert_array_equal(first.velocity_mps, again.velocity_mps)
+    skipping = DogmaFlow(config(), grid=GRID)
+    skipping.estimate(sweep(0), sweep(1))
+    np.testing.assert_array_equal(
+        skipping.estimate(sweep(2), sweep(3)).velocity_mps, first.velocity_mps
+    )
+
+
+def test_silence_of_static_cells():
+    readout = {"silence_static": True}
+    source = DogmaFlow(config(readout=readout), grid=GRID)
+    field = drive(source, 6, speed_mps=0.0)
+    assert field.valid.sum() > 5
+    assert not field.velocity_mps.any()
+
+
+def test_an_empty_sweep_is_an_empty_field_and_the_map_lives_on():
+    source = DogmaFlow(config(), grid=GRID)
+    drive(source)
+    gone = source.estimate(sweep(10), sweep(11, empty=True))
+    assert not gone.occupied.any()
+    assert not gone.valid.any()
+    assert source.grid_map.masses.occupied.max() > 0.5
+    back = source.estimate(sweep(11, empty=True), sweep(12))
+    assert back.velocity_mps[box_cells(back, count=12)].mean(axis=0)[0] > 6.0
+    nothing = DogmaFlow(config(), grid=GRID).estimate(sweep(0, empty=True), sweep(1, empty=True))
+    assert not nothing.valid.any()
+
+
+def jumped(k, shift_m):
+    there = sweep(k)
+    pose = there.world_T_ego
+    moved = Pose(pose.rotation, pose.translation_m + np.array([shift_m, 0.0, 0.0]))
+    return Sweep(there.xyz_m, there.reflectance, there.stamp_ns, moved, there.origin_m)
+
+
+@pytest.mark.parametrize(
+    ("late", "message"),
+    [
+        (sweep(33), r"time since the last sweep is 3\.\d+ s, expected <= 1"),
+        (jumped(4, 100.0), r"speed of the ego vehicle is 1000\.0 m/s, expected <= 80"),
+        (sweep(2), r"current\.stamp_ns is \d+, expected > \d+"),
+    ],
+    ids=["3 s gap", "100 m jump", "backwards"],
+)
+def test_a_jump_is_refused_and_changes_nothing(late, message):
+    source = DogmaFlow(config(), grid=GRID)
+    drive(source, 4)
+    with pytest.raises(InputError, match=message):
+        source.estimate(sweep(3), late)
+    untouched = DogmaFlow(config(), grid=GRID)
+    drive(untouched, 4)
+    np.testing.assert_array_equal(
+        source.estimate(sweep(3), sweep(4)).velocity_mps,
+        untouched.estimate(sweep(3), sweep(4)).velocity_mps,
+    )
+
+
+@pytest.mark.parametrize(
+    "late", [sweep(33, speed_mps=0.0), jumped(4, 100.0)], ids=["3 s gap", "100 m jump"]
+)
+def test_a_jump_may_begin_a_new_map(late):
+    source = DogmaFlow(config(continuity={"on_jump": "restart"}), grid=GRID)
+    drive(source, 4)
+    field = source.estimate(sweep(3), late)
+    assert field.occupied.any()
+    assert not field.valid.any()
+
+
+@pytest.mark.parametrize("wrong", [{"particles": 0}, {"births": 0}, {"particle": 5}])
+def test_a_filter_needs_particles(wrong):
+    with pytest.raises(ValidationError):
+        DogmaFlow.Config(filter=wrong)
