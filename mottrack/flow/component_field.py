@@ -11,11 +11,6 @@ from mottrack.flow.matcher import Matcher, Matches
 from mottrack.flow.prepared import Prepared
 from mottrack.flow.verdict import Judged
 
-_SIGMA_M = 0.025
-"""Noise of a registration that fits perfectly: range noise and the sampling of the surface."""
-_COST_SHARE = 0.4
-"""Standard deviation of one coordinate of a shift, as a share of what it leaves unexplained."""
-
 
 def component_field(
     grid: BevGrid, prepared: Prepared, matcher: Matcher, judged: Judged
@@ -27,7 +22,7 @@ def component_field(
     """
     matches, moving = judged.matches, judged.moving
     seen = moving | ((matches.compared > 0) & (matches.rest_cost_m < matcher.config.cap_m / 2))
-    sigma_mps = np.hypot(_SIGMA_M, _COST_SHARE * matches.cost_m) / prepared.elapsed_s
+    sigma_mps = matches.sigma_m / prepared.elapsed_s
     xyz_m = prepared.current.xyz_m
     owner = _owners(grid, matcher, xyz_m, judged)
     occupied = grid.occupancy(xyz_m)

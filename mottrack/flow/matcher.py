@@ -29,13 +29,19 @@ class MatchConfig(StrictModel):
     )
     cap_m: float = Field(0.5, gt=0, description="farthest pair, and the cap of a distance")
     max_points: int = Field(80, ge=10, description="points of a component that are compared")
-    starts: int = Field(5, ge=0, description="best displacements of the correlation to start from")
+    starts: int = Field(8, ge=0, description="best displacements of the correlation to start from")
     max_speed_mps: float = Field(40.0, gt=0, description="fastest motion that is looked for")
     max_turn_radps: float = Field(0.5, ge=0, description="fastest turn; 0 registers shifts alone")
     search_above_m: float = Field(
         0.05, ge=0, description="components that rest explains better are not searched"
     )
     max_extent_m: float = Field(20.0, gt=0, description="longer components are not searched")
+
+
+_SIGMA_M = 0.025
+"""Noise of a registration that fits perfectly: range noise and the sampling of the surface."""
+_COST_SHARE = 0.4
+"""Standard deviation of one coordinate of a shift, as a share of what it leaves unexplained."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +56,8 @@ class Matches:
     """(K, 2) centre of the turn in the current sweep."""
     cost_m: NDArray[np.float64]
     """(K,) mean capped distance, both ways, of the best shift."""
+    significance: NDArray[np.float64]
+    """(K,) standard errors by which the best shift explains the points better than rest."""
     rest_cost_m: NDArray[np.float64]
     """(K,) the same of no shift."""
     compared: NDArray[np.int64]
@@ -60,6 +68,11 @@ class Matches:
     """(K,) thinned points that stand where the previous sweep saw through."""
     sampled: int
     """Most points of a component that are compared."""
+
+    @property
+    def sigma_m(self) -> NDArray[np.float64]:
+        """(K,) standard deviation of one coordinate of the shift."""
+        return np.hypot(_SIGMA_M, _COST_SHARE * self.cost_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +142,7 @@ class Matcher:
             turn_rad=result[:, 2],
             centre_m=result[:, 3:5],
             cost_m=result[:, 5],
+            significance=result[:, 6],
             rest_cost_m=rest[:, 0],
             compared=rest[:, 1].astype(np.int64),
             points=np.diff(spans),
@@ -155,7 +169,7 @@ class Matcher:
     def _passed(self, order: NDArray[np.int64], spans: NDArray[np.int64]) -> NDArray[np.int64]:
         states = seen_before(self._scene.previous_image, self.points_m[order])
         before = np.concatenate([[0], np.cumsum(states == PASSED)])
-        return before[spans[1:]] - before[spans[:-1]]
+        return np.asarray(before[spans[1:]] - before[spans[:-1]], dtype=np.int64)
 
     def _short(self, points_m: NDArray[np.float32], spans: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(K,) components that are not longer than a vehicle can be."""

@@ -21,6 +21,12 @@ from mottrack.lidar.residual import translation_icp
 
 _COARSE = 30
 """Points of a component that tell its starts apart."""
+_PRIOR = 0.015
+_PRIOR_POINTS = 0.3
+"""Metres of cost per metre of shift, and the same for one point, of a sweep each 0.1 s."""
+_FASTEST_M = 4.0
+_LEAST_VARIANCE_M2 = 0.01**2
+"""No range measurement is better than a centimetre."""
 _FINE = 2
 """Times more points for the finer search."""
 _WORTH_POLISHING = 0.9
@@ -177,7 +183,7 @@ def match_components(
     rest: NDArray[np.float64],
     limits: tuple[int, float, float, float],
 ) -> NDArray[np.float64]:
-    """(K, 6) of each component: its best motion (shift, turn, centre), and the cost of that.
+    """(K, 7) of each component: its best motion (shift, turn, centre), its cost, significance.
 
     Args:
         scene: the two sweeps.
@@ -190,7 +196,7 @@ def match_components(
             largest turn.
     """
     points_m, spans = components
-    result = np.zeros((len(spans) - 1, 6))
+    result = np.zeros((len(spans) - 1, 7))
     for k in range(len(result)):
         result[k, 5] = rest[k, 0]
         given = starts[0][starts[1][k] : starts[1][k + 1]]
@@ -205,6 +211,7 @@ def match_components(
             chosen, stride = _chosen(points_m, spans, k, _FINE * limits[0])
             cost, _ = hypothesis_cost(scene, chosen, (k, stride), motion)
             motion, cost = _polish(scene, chosen, (k, stride), (motion, cost), limits[3])
+            result[k, 6] = significance(scene, chosen, motion)
         result[k, :5], result[k, 5] = motion, cost
     return result
 
@@ -219,6 +226,8 @@ def _best(
 ) -> tuple[Motion, float]:
     """Best shift over all starts: a coarse registration of each, a fine one of the best two."""
     rest_m, compared, longest_m = bounds
+    # fast is rarer than slow, and the fewer the points the more shifts fit them by chance
+    prior = (_PRIOR + _PRIOR_POINTS / max(len(points_m), 1)) * _FASTEST_M / longest_m
     thinner = max(len(points_m) // _COARSE, 1)
     coarse = np.ascontiguousarray(points_m[::thinner])
     gates_m = scene.cap_m * np.array([1.0, 1.0, 0.8, 0.7, 0.6])
@@ -230,7 +239,9 @@ def _best(
             candidates[s, 0], candidates[s, 1] = x, y
             motion = (x, y, 0.0, 0.0, 0.0)
             costs[s] = hypothesis_cost(scene, coarse, (owner[0], owner[1] * thinner), motion)[0]
+            costs[s] += prior * np.hypot(x, y)
     best, best_motion = rest_m, (0.0, 0.0, 0.0, 0.0, 0.0)
+    least = rest_m
     gates_m = scene.cap_m * np.array([0.7, 0.6, 0.5, 0.5, 0.4, 0.4])
     for s in np.argsort(costs)[:2]:
         if not np.isfinite(costs[s]):
@@ -239,9 +250,40 @@ def _best(
         x, y = translation_icp(scene.previous, points_m, start, gates_m)
         motion = (x, y, 0.0, 0.0, 0.0)
         cost, n = hypothesis_cost(scene, points_m, owner, motion)
-        if cost < best and 2 * n > compared:
-            best, best_motion = cost, motion
+        weighed = cost + prior * np.hypot(x, y)
+        if weighed < least and 2 * n > compared:
+            least, best, best_motion = weighed, cost, motion
     return best_motion, best
+
+
+@njit(cache=True)
+def significance(scene: MatchScene, points_m: NDArray[np.float32], motion: Motion) -> float:
+    """How many standard errors better a motion explains the current points than rest.
+
+    Paired by point, `t = mean(d_rest - d_moved) / (std / sqrt(n))`: the noise of the sensor and
+    the gaps between its rings are in both distances and drop out. Points that the previous sweep
+    could not see, at either place, are left out.
+    """
+    cos, sin = np.cos(motion[2]), np.sin(motion[2])
+    total, square, count = 0.0, 0.0, 0
+    for i in range(len(points_m)):
+        x, y, z = points_m[i, 0], points_m[i, 1], points_m[i, 2]
+        dx, dy = x - motion[3], y - motion[4]
+        then_x = cos * dx - sin * dy + motion[3] + motion[0]
+        then_y = sin * dx + cos * dy + motion[4] + motion[1]
+        k, rest2 = nearest(scene.previous, x, y, z, scene.cap_m)
+        if k < 0 and state_at(scene.previous_image, x, y, z / scene.z_scale, 0.5) == HIDDEN:
+            continue
+        _, moved2 = nearest(scene.previous, then_x, then_y, z, scene.cap_m)
+        gain = np.sqrt(rest2) - np.sqrt(moved2)
+        total += gain
+        square += gain * gain
+        count += 1
+    if count < 3:
+        return 0.0
+    mean = total / count
+    variance = max(square / count - mean * mean, _LEAST_VARIANCE_M2)
+    return float(mean / np.sqrt(variance / count))
 
 
 @njit(cache=True)

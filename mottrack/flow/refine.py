@@ -9,7 +9,7 @@ cell, a car's side would be at rest, since it slides along itself.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,10 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.motion import FlowField
 from mottrack.flow.clusters import moving_cells
+from mottrack.flow.component_field import cell_displacements
 from mottrack.flow.matcher import Labels, MatchConfig, Matcher, Matches
 from mottrack.flow.prepared import Prepared
-from mottrack.flow.verdict import VerdictConfig, explains
+from mottrack.flow.verdict import VerdictConfig, explains, is_evident
 
 
 class RefineConfig(StrictModel):
@@ -32,9 +33,8 @@ class RefineConfig(StrictModel):
     similar_mps: float = Field(1.0, gt=0, description="velocity step inside one component")
     similar_share: float = Field(0.35, ge=0, description="the same, as a share of the speed")
     max_correction_m: float = Field(0.8, gt=0, description="a larger correction is refused")
-    rest_cost_m: float = Field(0.1, ge=0, description="points that rest explains to this rest")
-    rest_ratio: float = Field(
-        0.85, gt=0, le=1, description="rest, too, where no shift costs less than this share of it"
+    claim_ratio: float = Field(
+        1.0, gt=0, description="at rest if rest costs at most this times what is claimed"
     )
 
 
@@ -56,24 +56,35 @@ class Refiner:
         matcher = Matcher(prepared, self.config.match)
         rows, cols, inside = field.grid.cells(matcher.points_m)
         labels = Labels(np.where(inside, cells[rows, cols], -1), count)
-        median_mps = _medians(field.velocity_mps, cells, count)
-        start_m = -median_mps * prepared.elapsed_s
+        start_m = -_medians(field.velocity_mps, cells, count) * prepared.elapsed_s
         matches = matcher.match(labels, (start_m, np.arange(count + 1)))
-        refined, withdrawn = self._judge(matches, start_m)
-        velocity_mps = np.where(refined[:, None], -matches.shift_m / prepared.elapsed_s, median_mps)
-        return _applied(field, cells, (velocity_mps, refined, withdrawn))
+        claimed_m = matcher.costs(labels, start_m)
+        refined, withdrawn = self._judge(matches, start_m, claimed_m)
+        return _applied(field, cells, _Outcome(matches, refined, withdrawn, prepared.elapsed_s))
 
     def _judge(
-        self, matches: Matches, start_m: NDArray[np.float64]
+        self, matches: Matches, start_m: NDArray[np.float64], claimed_m: NDArray[np.float64]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """(K,) components that take the registration's shift, and those that are at rest."""
+        """(K,) components that take the registration's shift, and those that are at rest.
+
+        At rest are those that rest explains as well as the estimator's own claim does.
+        """
         # the estimator's hypothesis is evidence of its own
         believed = explains(matches, np.ones_like(matches.cost_m, np.bool_), self.config.verdict)
+        believed |= is_evident(matches, self.config.verdict)
         correction_m = np.hypot(*(matches.shift_m - start_m).T)
-        refined = believed & (correction_m < self.config.max_correction_m)
-        rests_well = matches.rest_cost_m < self.config.rest_cost_m
-        no_better = matches.cost_m > self.config.rest_ratio * matches.rest_cost_m
-        return refined, ~believed & (rests_well | no_better)
+        resting = ~believed & (matches.rest_cost_m <= self.config.claim_ratio * claimed_m)
+        return believed & (correction_m < self.config.max_correction_m), resting
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What becomes of each component."""
+
+    matches: Matches
+    refined: NDArray[np.bool_]
+    withdrawn: NDArray[np.bool_]
+    elapsed_s: float
 
 
 def _medians(
@@ -88,14 +99,15 @@ def _medians(
     return np.array([np.median(part, axis=0) for part in parts], dtype=np.float64)
 
 
-def _applied(
-    field: FlowField,
-    cells: NDArray[np.int64],
-    judged: tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]],
-) -> FlowField:
-    velocity_mps, refined, withdrawn = judged
-    take = (cells >= 0) & np.append(refined, False)[cells]
-    drop = (cells >= 0) & np.append(withdrawn, False)[cells]
-    padded = np.vstack([velocity_mps, np.zeros((1, 2))]).astype(np.float32)
-    changed = np.where(take[..., None], padded[cells], field.velocity_mps)
-    return replace(field, velocity_mps=np.where(drop[..., None], np.float32(0), changed))
+def _applied(field: FlowField, cells: NDArray[np.int64], outcome: _Outcome) -> FlowField:
+    take = (cells >= 0) & np.append(outcome.refined, False)[cells]
+    drop = (cells >= 0) & np.append(outcome.withdrawn, False)[cells]
+    velocity_mps = np.array(field.velocity_mps)
+    covariance = np.array(field.covariance_m2ps2)
+    shift_m = cell_displacements(outcome.matches, cells[take], field.grid.centres_m()[take])
+    velocity_mps[take] = shift_m / outcome.elapsed_s
+    velocity_mps[drop] = 0.0
+    variance = (outcome.matches.sigma_m / outcome.elapsed_s) ** 2
+    settled = take | drop
+    covariance[settled] = variance[cells[settled], None, None] * np.eye(2)
+    return replace(field, velocity_mps=velocity_mps, covariance_m2ps2=covariance)

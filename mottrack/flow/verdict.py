@@ -33,6 +33,16 @@ class VerdictConfig(StrictModel):
     min_passed: int = Field(
         5, ge=1, description="points where the previous sweep saw through: much evidence"
     )
+    passed_share: float = Field(
+        0.05, ge=0, description="with this share of them, too, nothing at rest has stood there"
+    )
+    significant: float = Field(
+        6.0, gt=0, description="standard errors by which a shift must explain a large component"
+    )
+    significant_points: int = Field(60, ge=1, description="points of a large component")
+    evident_ratio: float = Field(
+        0.87, gt=0, le=1, description="cost over that of rest where points passed or significant"
+    )
     seen_share: float = Field(
         0.5, ge=0, description="points that speak about rest, as a share of those compared"
     )
@@ -55,7 +65,22 @@ def is_moving(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
     strong = np.where(
         far, matches.passed >= config.min_passed, matches.points >= config.many_points
     )
-    return explains(matches, strong, config) & enough
+    moving: NDArray[np.bool_] = explains(matches, strong, config) & enough
+    return moving | is_evident(matches, config)
+
+
+def is_evident(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
+    """(K,) components that certainly moved, even where a sparse sensor fits every shift badly.
+
+    They stand where the previous sweep saw through, or are so many points that a small gain is
+    far outside of what noise can do.
+    """
+    passed = matches.passed >= np.maximum(config.min_passed, config.passed_share * matches.points)
+    significant = matches.significance > config.significant
+    significant &= matches.points >= config.significant_points
+    better = matches.cost_m < config.evident_ratio * matches.rest_cost_m
+    better &= matches.cost_m < noise_floor(matches, config) + config.loose_over_floor_m
+    return (passed | significant) & better
 
 
 def explains(
