@@ -29,7 +29,7 @@ def _planes(maps: Array, reach: int) -> Array:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _add_product(total: Array, one: Array, two: Array) -> None:
-    """total += one * two along a row."""
+    """Add the product of two rows to a third."""
     for x in range(len(total)):
         total[x] += one[x] * two[x]
 
@@ -54,6 +54,14 @@ def correlate(current: Array, previous: Array, reach: int, costs: Array) -> None
                 costs[b, y, x, s] = row[s, x] * scale
 
 
+@njit(cache=True, nogil=True, fastmath=True)
+def _add_products(total: Array, slope: Array, maps: Array, start: int) -> None:
+    """Add slope * maps, shifted by `start`, to each channel of `total` (C,W)."""
+    width = total.shape[1]
+    for c in range(len(total)):
+        _add_product(total[c], slope, maps[c, start : start + width])
+
+
 @njit(cache=True, nogil=True, parallel=True, fastmath=True)
 def correlate_backward(
     slope: Array, current: Array, previous: Array, to_current: Array, to_previous: Array
@@ -73,13 +81,10 @@ def correlate_backward(
             left = 2 * reach - right
             if 0 <= y + dy < height:
                 here = slopes[b, y, s, reach : reach + width]
-                for c in range(channels):
-                    _add_product(row[0, c], here, two[b, y + dy, c, right : right + width])
+                _add_products(row[0], here, two[b, y + dy], right)
             if 0 <= y - dy < height:
                 there = slopes[b, y - dy, s, left : left + width]
-                for c in range(channels):
-                    _add_product(row[1, c], there, one[b, y - dy, c, left : left + width])
+                _add_products(row[1], there, one[b, y - dy], left)
         for x in range(width):
-            for c in range(channels):
-                to_current[b, y, x, c] = row[0, c, x] * scale
-                to_previous[b, y, x, c] = row[1, c, x] * scale
+            to_current[b, y, x] = row[0, :, x] * scale
+            to_previous[b, y, x] = row[1, :, x] * scale

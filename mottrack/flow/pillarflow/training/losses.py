@@ -27,6 +27,12 @@ class LossConfig(StrictModel):
     level_decay: float = Field(0.5, gt=0, le=1, description="weight of a level / next finer one")
     speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0), description="edges of the buckets")
     static_weight: float = Field(1.5, gt=0, description="weight of the slowest bucket")
+    empty_weight: float = Field(
+        0.1,
+        ge=0,
+        description="pull of empty cells to rest; left alone they grow without bound"
+        " and take over the statistics of the batch normalisation",
+    )
     nll_weight: float = Field(0.1, ge=0, description="weight of the uncertainty head's loss")
 
 
@@ -57,6 +63,7 @@ def multi_scale_loss(estimate: Estimate, target: Target, config: LossConfig) -> 
             speed = _norm(truth) / target.elapsed_s[:, None, None]
             weight = config.level_decay ** (count - 1 - index)
             total = total + weight * bucket_mean(_norm(motion - truth), speed, mask[:, 0], config)
+            total = total + weight * config.empty_weight * empty_mean(motion, mask[:, 0])
     likelihood = negative_log_likelihood(estimate, truth, mask[:, 0])
     return total + config.nll_weight * likelihood
 
@@ -72,6 +79,12 @@ def bucket_mean(
         weight = config.static_weight if index == 0 else 1.0
         total = total + weight * (error * inside).sum() / inside.sum().clamp(min=1.0)
     return total
+
+
+def empty_mean(motion: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Mean length of the motion (B,2,H,W) of the cells outside of the mask (B,H,W)."""
+    empty = (~mask).to(motion.dtype)
+    return (_norm(motion) * empty).sum() / empty.sum().clamp(min=1.0)
 
 
 def whitened(estimate: Estimate, truth: torch.Tensor) -> torch.Tensor:
