@@ -43,20 +43,19 @@ def resample(
     spacing = float(begin[-1]) / len(chosen.x_m)
     if spacing > 0:
         comb = (spacing, min(max(offset, _ROUNDING), 1 - _ROUNDING))
-        workers.run(_comb, persistent.size, candidates, begin, comb, chosen)
+        layout = (begin, persistent.ravel())
+        workers.run(_comb, persistent.size, candidates, layout, comb, chosen)
     return spacing
 
 
 @njit(cache=True, nogil=True)
 def _layout(persistent: NDArray[np.float32], births: Births) -> NDArray[np.float64]:
-    """(2 cells + 1,) where the persistent and the born mass of each cell begin, in turn."""
-    cells = len(persistent)
-    begin = np.empty(2 * cells + 1)
+    """(cells + 1,) where the mass of each cell begins."""
+    begin = np.empty(len(persistent) + 1)
     begin[0] = 0.0
-    for c in range(cells):
+    for c in range(len(persistent)):
         born = (births.start[c + 1] - births.start[c]) * births.mass_each
-        begin[2 * c + 1] = begin[2 * c] + persistent[c]
-        begin[2 * c + 2] = begin[2 * c + 1] + born
+        begin[c + 1] = begin[c] + persistent[c] + born
     return begin
 
 
@@ -64,30 +63,35 @@ def _layout(persistent: NDArray[np.float32], births: Births) -> NDArray[np.float
 def _comb(
     cells: Span,
     candidates: Candidates,
-    begin: NDArray[np.float64],
+    layout: tuple[NDArray[np.float64], NDArray[np.float32]],
     comb: tuple[float, float],
     chosen: Particles,
 ) -> None:
-    spacing, offset = comb
-    order, persistent_start = candidates.assignment.order, candidates.assignment.start
-    born_start = candidates.births.start
-    for cell in range(cells[0], cells[1]):
-        for kind in range(2):
-            group = 2 * cell + kind
-            tooth = int(np.ceil(begin[group] / spacing - offset))
-            end = int(np.ceil(begin[group + 1] / spacing - offset))
-            if tooth == end:
-                continue
-            first = born_start[cell] if kind else persistent_start[cell]
-            count = (born_start[cell + 1] if kind else persistent_start[cell + 1]) - first
-            per_mass = count / (begin[group + 1] - begin[group])
+    begin, persistent = layout
+    start, born_start = candidates.assignment.start, candidates.births.start
+    for c in range(cells[0], cells[1]):
+        if begin[c] == begin[c + 1]:
+            continue
+        middle = begin[c] + persistent[c]
+        for born in range(2):
+            low, high = (middle, begin[c + 1]) if born else (begin[c], middle)
+            tooth, end = _first_tooth(low, comb), _first_tooth(high, comb)
+            first = born_start[c] if born else start[c]
+            count = (born_start[c + 1] if born else start[c + 1]) - first
             for k in range(tooth, end):
-                member = int(((k + offset) * spacing - begin[group]) * per_mass)
-                index = first + min(max(member, 0), count - 1)
-                if kind:
+                share = ((k + comb[1]) * comb[0] - low) / (high - low)
+                index = first + min(max(int(share * count), 0), count - 1)
+                if born:
                     _copy(candidates.born, index, chosen, k)
                 else:
-                    _copy(candidates.particles, order[index], chosen, k)
+                    _copy(candidates.particles, candidates.assignment.order[index], chosen, k)
+
+
+@njit(cache=True, nogil=True)
+def _first_tooth(place: float, comb: tuple[float, float]) -> int:
+    """Number of the first tooth at or behind a place."""
+    spacing, offset = comb
+    return int(np.ceil(place / spacing - offset))
 
 
 @njit(cache=True, nogil=True)

@@ -52,6 +52,9 @@ class DogmaFlow:
         continuity: ContinuityConfig = ContinuityConfig()
         threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
 
+    stateful = True
+    """Each estimate builds on all sweeps before it."""
+
     def __init__(self, config: Config | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or self.Config()
         self.grid = grid or BevGrid()
