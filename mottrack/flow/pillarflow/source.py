@@ -35,6 +35,9 @@ class PillarFlowConfig(StrictModel):
     device: Literal["auto", "cpu", "cuda"] = Field(
         "auto", description="auto: a GPU if there is one"
     )
+    precision: Literal["auto", "fp32", "bf16"] = Field(
+        "auto", description="of a CPU's convolutions; auto: bfloat16 where it has such units"
+    )
     threads: int = Field(0, ge=0, description="CPU threads; 0: as the process is set")
     stages: StagesConfig = Field(default_factory=StagesConfig)
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
@@ -135,7 +138,7 @@ def _engine(weights: object, config: PillarFlowConfig) -> Engine:
     import torch
 
     from mottrack.flow.pillarflow.inference.cuda import CudaEngine
-    from mottrack.flow.pillarflow.inference.engine import CpuEngine
+    from mottrack.flow.pillarflow.inference.engine import CpuEngine, has_bf16_units
     from mottrack.flow.pillarflow.weights_file import Weights
 
     if not isinstance(weights, Weights):
@@ -145,4 +148,7 @@ def _engine(weights: object, config: PillarFlowConfig) -> Engine:
         raise ConfigError("flow.device is cuda, expected cpu or auto: no GPU is available")
     if config.threads:
         torch.set_num_threads(config.threads)
-    return CudaEngine(weights) if available and config.device != "cpu" else CpuEngine(weights)
+    if available and config.device != "cpu":
+        return CudaEngine(weights)
+    half = config.precision == "bf16" or (config.precision == "auto" and has_bf16_units())
+    return CpuEngine(weights, half=half)

@@ -81,6 +81,12 @@ class CpuEngine:
         return as_motion(estimate, self.stride, self.scale)
 
 
+def has_bf16_units() -> bool:
+    """Whether this CPU multiplies bfloat16 natively (AMX or AVX-512); older torch cannot tell."""
+    capabilities: dict[str, object] = getattr(torch.cpu, "get_capabilities", dict)()
+    return bool(capabilities.get("amx_bf16") or capabilities.get("avx512_bf16"))
+
+
 def as_motion(estimate: Estimate, stride: int, covariance_scale: float) -> Motion:
     """The first row of a batch as arrays."""
     motion = estimate.motions[-1][0].permute(1, 2, 0).float().cpu().numpy()
