@@ -16,7 +16,7 @@ class MotionConfig(StrictModel):
 
     jerk_psd_m2ps5: float = Field(1.0, gt=0, description="power spectral density of white jerk")
     nugget_m: float = Field(0.01, gt=0, description="sigma added to position (m), velocity (m/s)")
-    birth_speed_sigma_mps: float = Field(15.0, gt=0, description="prior of velocity, per axis")
+    birth_speed_sigma_mps: float = Field(10.0, gt=0, description="prior of velocity, per axis")
     birth_acceleration_sigma_mps2: float = Field(3.0, gt=0, description="prior of acceleration")
 
     def noise(self) -> MotionNoise:
@@ -43,7 +43,9 @@ class MeasurementConfig(StrictModel):
 
     position_sigma_m: float = Field(0.3, gt=0, description="of objects without a covariance")
     use_velocity: bool = Field(True, description="add the velocity factor where there is one")
-    velocity_floor_mps: float = Field(0.1, ge=0, description="added to measured sigma, squared")
+    velocity_floor_mps: float = Field(
+        0.5, ge=0, description="added to measured sigma, squared: errors of a flow last over frames"
+    )
 
 
 class AssociationConfig(StrictModel):
@@ -55,6 +57,10 @@ class AssociationConfig(StrictModel):
     stray_per_m2: float = Field(
         0.01, gt=0, description="density of objects that belong to no track (one_to_one)"
     )
+    flow_doubt: float = Field(
+        0.1, gt=0, le=1, description="probability that the flow at birth was quite wrong"
+    )
+    young_hits: int = Field(3, ge=0, description="tracks seen less often may doubt their flow")
     gate: float = Field(4.0, gt=0, description="largest Mahalanobis distance")
     gate_m: float = Field(4.0, gt=0, description="largest distance in metres")
 

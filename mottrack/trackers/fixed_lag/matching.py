@@ -17,6 +17,15 @@ from mottrack.trackers.fixed_lag.motion import F64
 I64 = NDArray[np.int64]
 
 
+class Predicted(NamedTuple):
+    """Tracks (N) carried to the stamp of the objects."""
+
+    belief: Belief
+    labels: NDArray[np.str_]
+    slack_m2: F64
+    """(N,) variance that a young track's position gets if the flow that it began with was wrong."""
+
+
 class Matches(NamedTuple):
     """Accepted pairs, one-to-one."""
 
@@ -26,15 +35,22 @@ class Matches(NamedTuple):
     """(P,) row of the object."""
     distance: F64
     """(P,) Mahalanobis distance of the position."""
+    doubt: F64
+    """(P,) the distance if the flow at birth was right, where it was not believed; else 0."""
 
 
-def match(
-    belief: Belief,
-    labels: NDArray[np.str_],
-    objects: Objects,
-    noise: F64,
-    config: AssociationConfig,
-) -> Matches:
+class _Pairs(NamedTuple):
+    """Candidates, under the better of two hypotheses."""
+
+    track: I64
+    object: I64
+    distance: F64
+    doubt: F64
+    cost: F64
+    """`d^2 + log det S`, plus the price of doubt."""
+
+
+def match(tracks: Predicted, objects: Objects, noise: F64, config: AssociationConfig) -> Matches:
     """Pairs predicted tracks (N) with objects (M) of the same label.
 
     `noise` (M, 2, 2) is the covariance of the objects' positions. With "nearest", every object
@@ -42,23 +58,47 @@ def match(
     the total of `-2 log(N(off; 0, S) / stray)` is least, where `stray` is the density of objects
     that belong to no track: a pair that is less likely than a chance object is not made, and a new
     track, which is unsure where it is, does not take a settled track's object.
+
+    A flow that saw a fast object at rest would make its track look for it in the wrong place, so
+    young tracks have a second hypothesis, at the price of its rarity: the flow was wrong.
     """
-    _, group = np.unique(np.concatenate([labels, objects.label]), return_inverse=True)
-    groups = (group[: len(labels)].astype(np.int64), group[len(labels) :].astype(np.int64))
-    xy_m = (belief.mean[:, :2], objects.centre_m[:, :2])
-    reach_m = np.full(len(objects), config.gate_m)
-    track, found = candidate_pairs(*xy_m, reach_m, groups)
-    off = xy_m[1][found] - xy_m[0][track]
-    spread = belief.covariance[track, :2, :2] + noise[found]
-    distance = mahalanobis(off, spread)
-    near = (distance <= config.gate) & (np.einsum("pi,pi->p", off, off) <= config.gate_m**2)
-    track, found, distance, spread = track[near], found[near], distance[near], spread[near]
+    pairs = _candidates(tracks, objects, noise, config)
     if config.rule == "nearest":
-        kept = _nearest(track, found, distance)
+        kept = _nearest(pairs.track, pairs.object, pairs.distance)
     else:
         chance = 2.0 * np.log(2.0 * np.pi * config.stray_per_m2)
-        kept = _likeliest(distance**2 + np.log(np.linalg.det(spread)) + chance, (track, found))
-    return Matches(track[kept], found[kept], distance[kept])
+        kept = _likeliest(pairs.cost + chance, (pairs.track, pairs.object))
+    return Matches(pairs.track[kept], pairs.object[kept], pairs.distance[kept], pairs.doubt[kept])
+
+
+def _candidates(
+    tracks: Predicted, objects: Objects, noise: F64, config: AssociationConfig
+) -> _Pairs:
+    """Pairs within the gates."""
+    labels = np.concatenate([tracks.labels, objects.label])
+    _, group = np.unique(labels, return_inverse=True)
+    group = group.astype(np.int64)
+    groups = (group[: len(tracks.labels)], group[len(tracks.labels) :])
+    xy_m = (tracks.belief.mean[:, :2], objects.centre_m[:, :2])
+    track, found = candidate_pairs(*xy_m, np.full(len(objects), config.gate_m), groups)
+    off = xy_m[1][found] - xy_m[0][track]
+    near = np.einsum("pi,pi->p", off, off) <= config.gate_m**2
+    track, found, off = track[near], found[near], off[near]
+    spread = tracks.belief.covariance[track, :2, :2] + noise[found]
+    slack = tracks.slack_m2[track]
+    plain, wide = mahalanobis(off, spread), mahalanobis(off, spread + _isotropic(slack))
+    cost = plain**2 + np.log(np.linalg.det(spread))
+    doubted = wide**2 + np.log(np.linalg.det(spread + _isotropic(slack)))
+    doubted -= 2.0 * np.log(config.flow_doubt)
+    doubts = (slack > 0.0) & (doubted < cost)
+    distance = np.where(doubts, wide, plain)
+    doubt, cost = np.where(doubts, plain, 0.0), np.where(doubts, doubted, cost)
+    kept = distance <= config.gate
+    return _Pairs(track[kept], found[kept], distance[kept], doubt[kept], cost[kept])
+
+
+def _isotropic(variance: F64) -> F64:
+    return np.asarray(variance[:, None, None] * np.eye(2))
 
 
 def _likeliest(cost: F64, pairs: tuple[I64, I64]) -> I64:

@@ -28,7 +28,7 @@ class MotionNoise:
 
     Pure white jerk makes Q(0.1 s) so ill-conditioned that GTSAM's Cholesky rejects healthy tracks.
     """
-    birth_speed_sigma_mps: float = 15.0
+    birth_speed_sigma_mps: float = 10.0
     """Prior of a new track's velocity, per axis, about zero."""
     birth_acceleration_sigma_mps2: float = 3.0
     """Prior of a new track's acceleration, per axis, about zero."""

@@ -14,7 +14,7 @@ from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.book import TrackBook
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
 from mottrack.trackers.fixed_lag.engine import Belief, FixedLagEngine, SmoothedWindow
-from mottrack.trackers.fixed_lag.matching import Matches, match
+from mottrack.trackers.fixed_lag.matching import Matches, Predicted, match
 from mottrack.trackers.fixed_lag.measurement import Measured, measured
 from mottrack.trackers.fixed_lag.merge_split import Overlaps
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
@@ -159,11 +159,24 @@ class FixedLagTracker:
         rows: I64,
     ) -> Matches:
         free = np.nonzero(~held)[0]
-        belief = Belief(known.belief.mean[free], known.belief.covariance[free])
-        labels = self._book.labels(known.slots[free])
+        slots = known.slots[free]
+        tracks = Predicted(
+            Belief(known.belief.mean[free], known.belief.covariance[free]),
+            self._book.labels(slots),
+            self._slack_m2(slots, objects.stamp_ns),
+        )
         noise = measurements.position_covariance_m2[rows]
-        found = match(belief, labels, objects.select(rows), noise, self.config.association)
-        return Matches(free[found.track], rows[found.object], found.distance)
+        found = match(tracks, objects.select(rows), noise, self.config.association)
+        return found._replace(track=free[found.track], object=rows[found.object])
+
+    def _slack_m2(self, slots: I64, stamp_ns: int) -> NDArray[np.float64]:
+        """(N,) how far young tracks may have gone if the flow that they began with was wrong."""
+        entries = [self._book.entries[slot] for slot in slots.tolist()]
+        limit = self.config.association.young_hits
+        young = np.array([entry.hits < limit for entry in entries], np.bool_)
+        dt_s = np.array([(stamp_ns - entry.seen_ns) * 1e-9 for entry in entries])
+        reach_m = self.config.motion.birth_speed_sigma_mps * dt_s
+        return np.where(young, reach_m**2, 0.0)
 
     def _add_nodes(
         self,
@@ -182,7 +195,8 @@ class FixedLagTracker:
         birth = np.arange(len(rows)) >= len(matches.object)
         innovation = np.zeros((len(rows), 2))
         innovation[~birth, 0] = matches.distance
-        innovation[~birth, 1] = _velocity_innovation(known.belief, matches, measurements)
+        surprise = _velocity_innovation(known.belief, matches, measurements)
+        innovation[~birth, 1] = np.maximum(surprise, matches.doubt)
         batch = NodeBatch(
             stamp_ns=stamp_ns,
             slot=slots,

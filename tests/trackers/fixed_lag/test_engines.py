@@ -75,7 +75,7 @@ def test_newest_state_equals_filterpy() -> None:
         if batch.birth[0]:
             kalman = KalmanFilter(6, 2)
             kalman.x = np.concatenate([batch.position_m[0], np.zeros(4)])
-            kalman.P = np.diag([0, 0, 225.0, 225, 9, 9])
+            kalman.P = np.diag([0, 0, 100.0, 100, 9, 9])
             kalman.P[:2, :2] = batch.position_covariance_m2[0] / batch.weight[0, 0]
         else:
             dt_s = np.array([(batch.stamp_ns - last_ns) * 1e-9])
