@@ -34,7 +34,7 @@ class RefineConfig(StrictModel):
     similar_share: float = Field(0.35, ge=0, description="the same, as a share of the speed")
     max_correction_m: float = Field(0.8, gt=0, description="a larger correction is refused")
     claim_ratio: float = Field(
-        1.0, gt=0, description="at rest if rest costs at most this times what is claimed"
+        1.1, gt=0, description="at rest if rest costs at most this times what is claimed"
     )
 
 
