@@ -55,8 +55,9 @@ Row = dict[str, Any]
 class Scenario:
     """One data set and one submission, drawn from a seed."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, *, duplicates: bool = True) -> None:
         self.rng = np.random.default_rng(seed)
+        self.duplicates = duplicates
         self.tables: dict[str, list[Row]] = {
             name: [] for name in ("scene", "sample", "sample_data", "ego_pose", "instance")
         }
@@ -126,7 +127,7 @@ class Scenario:
                     else float(np.clip(score + rng.normal(0, 0.1), 0, 1))
                 )
                 self.results[token].append(self._box(token, (identity, label), near, mark))
-            if rng.random() < 0.05:
+            if rng.random() < 0.05 and self.duplicates:
                 again = centre[k] + rng.normal(0, 1.0, 3)
                 self.results[token].append(self._box(token, (identity, label), again, score))
             if rng.random() < 0.08:

@@ -53,19 +53,19 @@ def test_random_scenarios_equal_the_devkit(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MOTTRACK_CACHE", str(tmp_path / "cache"))
-    data = tmp_path / "data"
-    Scenario(seed).write(data)
+    data, out = tmp_path / "data", tmp_path / "out"
     request = submission_run.Request(
         data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json"
     )
+    Scenario(seed).write(data)
     try:
-        summary, details = evaluate_folder(data, tmp_path / "out")
-    except AssertionError as refused:
-        # the devkit asserts that something is left to evaluate
-        with pytest.raises(Exception, match="none in range"):
-            submission_run.run(request)
-        assert "box" in str(refused).lower()
-        return
+        summary, details = evaluate_folder(data, out)
+    except AssertionError:
+        # with an identity twice in a frame there can be more matched scores than true boxes,
+        # which the devkit asserts against and we warn of
+        assert any(p.field == "tracking_id" for p in submission_run.run(request).problems)
+        Scenario(seed, duplicates=False).write(data)
+        summary, details = evaluate_folder(data, out)
     evaluation = submission_run.run(request)
     ours = summary_json(evaluation.metrics, evaluation.submission.meta, 0.0)
     summary.pop("eval_time")
