@@ -1,0 +1,56 @@
+"""``mottrack train`` and ``mottrack export`` from end to end, at the smallest size."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from mottrack.cli import app
+from mottrack.core.errors import ConfigError
+from mottrack.flow.pillarflow.training.config import ExamplesConfig
+from mottrack.pipeline.training_data import examples_folder
+
+TINY = """
+network: small
+examples: {pairs: 2, validation_pairs: 2, per_shard: 2, workers: 1}
+steps: 2
+batch: 1
+threads: 1
+log_every: 1
+"""
+
+
+def test_train_makes_examples_trains_resumes_and_exports(tmp_path: Path) -> None:
+    config = tmp_path / "tiny.yaml"
+    config.write_text(TINY)
+    out, examples = tmp_path / "run", tmp_path / "examples"
+    arguments = ["train", str(config), "--out", str(out), "--examples", str(examples)]
+    first = CliRunner().invoke(app, arguments, catch_exceptions=False)
+    assert first.exit_code == 0
+    assert "dynamic_rmse" in first.output
+    again = CliRunner().invoke(app, [*arguments, "steps=3"], catch_exceptions=False)
+    assert again.exit_code == 0
+    curve = json.loads((out / "curve.json").read_text())
+    assert [point["step"] for point in curve if "loss" in point] == [1.0, 2.0, 3.0]
+    assert (out / "curve.png").exists()
+
+
+@pytest.mark.parametrize("override", ["network_name=base", "steps=0", "steps=1,2"])
+def test_a_wrong_setting_is_named(tmp_path: Path, override: str) -> None:
+    config = tmp_path / "tiny.yaml"
+    config.write_text(TINY)
+    key = override.partition("=")[0]
+    with pytest.raises(ConfigError, match=key):
+        CliRunner().invoke(
+            app, ["train", str(config), override, "--out", str(tmp_path)], catch_exceptions=False
+        )
+
+
+def test_other_examples_are_kept_apart(tmp_path: Path) -> None:
+    one, two = ExamplesConfig(seed=1), ExamplesConfig(seed=2)
+    assert examples_folder(one, tmp_path) != examples_folder(two, tmp_path)
+    quicker = ExamplesConfig(seed=1, workers=7)
+    assert examples_folder(one, tmp_path) == examples_folder(quicker, tmp_path)
