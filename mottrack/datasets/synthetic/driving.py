@@ -184,7 +184,8 @@ def _gap_ahead(
     """(distance to the first thing on the own path, its speed along the path); inf if clear."""
     front, look = view
     best, leader = np.inf, 0.0
-    side = boxes[i, 4] + 0.25
+    on_foot = actors.driver[i, 4] <= 0.0
+    side = 0.5 * boxes[i, 4] if on_foot else boxes[i, 4] + 0.25
     for j in range(len(boxes)):
         dx, dy = boxes[j, 0] - boxes[i, 0], boxes[j, 1] - boxes[i, 1]
         reach = look + boxes[j, 3] + boxes[i, 3]

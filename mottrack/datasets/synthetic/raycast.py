@@ -108,9 +108,7 @@ def _beams(scan: Scan) -> NDArray[np.float64]:
 def _directions(
     scan: Scan, beams: NDArray[np.float64], column: int, rays: NDArray[np.float64]
 ) -> None:
-    """Fills (R, 6): the direction of each beam of a column in the world; its course: the same per
-    metre of way over ground, x, y and climb.
-    """
+    """Fills (R, 6): direction of each beam in the world; x, y and climb per metre of way."""
     ca, sa = np.cos(scan.azimuth_rad[column]), np.sin(scan.azimuth_rad[column])
     r = scan.rotation[column]
     for ring in range(len(beams)):

@@ -149,6 +149,8 @@ def building_line(verge: Verge, span: tuple[float, float], back_m: float) -> Non
         if rng.random() < 0.85:
             setback = back_m + float(rng.choice([0.0, 0.0, rng.uniform(0.0, 3.0)]))
             _house(verge, (s, s + width), setback)
+        elif width > 10.0 and rng.random() < 0.4:
+            car_park(verge, (s, s + width), back_m)
         s += width + float(rng.choice([0.0, 0.0, rng.uniform(1.0, 9.0)]))
 
 
@@ -198,6 +200,10 @@ def garden_line(verge: Verge, span: tuple[float, float], back_m: float) -> None:
             verge.wall(ends, back_m, (0.06, float(rng.uniform(0.9, 1.8))), (FENCE, 0.3))
         elif u < 0.68:
             verge.wall(ends, back_m, (0.25, float(rng.uniform(0.5, 1.4))), (CONCRETE, 0.45))
+        elif u < 0.8:
+            car_park(verge, ends, back_m)
+            s += width
+            continue
         _garden(verge, ends, back_m)
         if rng.random() < 0.6:
             _house(verge, (s + 1.0, s + width - 1.0), back_m + float(rng.uniform(4.0, 12.0)))
@@ -229,6 +235,59 @@ def guard_rail(verge: Verge, span: tuple[float, float], beyond_m: float) -> None
                 BOX, (spot.x_m, spot.y_m, spot.z_m + 0.35), (0.05, 0.05, 0.35), yaw, _STEEL
             )
         s = end
+
+
+def median(verge: Verge, span: tuple[float, float]) -> None:
+    """What divides the directions: a rail or a concrete barrier, or hedges and poles."""
+    width, rng = verge.road.profile.median_m, verge.rng
+    if width < 1.0:
+        return
+    inward = -verge.road.profile.half_carriageway_m
+    motorway = verge.network.kind == "motorway"
+    style = str(rng.choice(["rail", "wall", "green"] if motorway else ["green", "rail", "bare"]))
+    s = span[0]
+    while s < span[1] - 4.0:
+        spot, length = verge.spot(s + 4.0, inward), 4.0
+        if not verge.near_junction(s + 4.0, 5.0):
+            if style == "wall":
+                middle = (spot.x_m, spot.y_m, spot.z_m + 0.4)
+                verge.build.add(BOX, middle, (length, 0.15, 0.5), spot.yaw_rad, (CONCRETE, 0.45))
+            elif style == "rail":
+                guard_rail(verge, (s, s + 8.0), inward)
+            elif style == "green" and rng.random() < 0.6:
+                (pole if rng.random() < 0.3 else bush)(verge, spot)
+        s += 8.0
+
+
+def bridge(verge: Verge, span: tuple[float, float]) -> None:
+    """A deck across the road on piers."""
+    s = float(verge.rng.uniform(*span))
+    if verge.near_junction(s, 12.0):
+        return
+    half = verge.road.profile.half_m + 6.0
+    spot = verge.spot(s, -verge.road.profile.half_carriageway_m)
+    clear = float(verge.rng.uniform(4.7, 6.5))
+    deck = (float(verge.rng.uniform(2.0, 7.0)), half, 0.6)
+    verge.build.add(
+        BOX, (spot.x_m, spot.y_m, spot.z_m + clear + 0.6), deck, spot.yaw_rad, (CONCRETE, 0.4)
+    )
+    for beyond in (1.0, -2.0 * verge.road.profile.half_carriageway_m - 1.0):
+        pier = verge.spot(s, beyond)
+        middle = (pier.x_m, pier.y_m, pier.z_m + 0.5 * clear)
+        verge.build.add(BOX, middle, (deck[0], 0.4, 0.5 * clear), pier.yaw_rad, (CONCRETE, 0.4))
+
+
+def car_park(verge: Verge, ends: tuple[float, float], back_m: float) -> None:
+    """A row of cars that stand across, behind the pavement."""
+    rng, s = verge.rng, ends[0] + 1.5
+    while s < ends[1] - 1.5:
+        size, spot = draw_size(rng, "car"), verge.spot(s, back_m + 3.2)
+        if rng.random() < 0.75 and not verge.on_road(spot, 3.0):
+            yaw = spot.yaw_rad + np.pi / 2 * float(rng.choice([-1.0, 1.0]))
+            verge.parked.place.append((spot.x_m, spot.y_m, yaw + float(rng.normal(0.0, 0.03))))
+            verge.parked.label.append("car")
+            verge.parked.size_m.append(size)
+        s += 2.7
 
 
 def motorway_verge(verge: Verge, span: tuple[float, float]) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mottrack.datasets.synthetic.catalogue import KINDS, draw_size
 from mottrack.datasets.synthetic.curves import Paths, stack
+from mottrack.datasets.synthetic.placement import first_come
 from mottrack.datasets.synthetic.roads import RoadNetwork, Route
 
 _VEHICLES = ("car", "truck", "bus", "trailer", "motorcycle")
@@ -27,6 +28,9 @@ class Density:
     pedestrians: float = 1.0
     parked: float = 1.0
     unknown: float = 1.0
+    mid_turn: bool = False
+    """Whether vehicles may stand inside the intersection when the scene begins; from all sides at
+    once, so it is for short scenes, in which nobody waits for them to sort themselves out."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,9 @@ def populate(
     drafts = [_ego(rng, network, ego_start_m)]
     lanes = sorted({r.lane for r in network.routes if r.kind == "drive"})
     for lane in lanes:
-        drafts += _fill_lane(rng, network, lane, (density.vehicles, drafts[0]))
+        drafts += _fill_lane(rng, network, lane, density)
+    if density.mid_turn:
+        drafts += _turners(rng, network)
     for number, route in enumerate(network.routes):
         if route.kind == "cycle":
             drafts += _fill_sparsely(rng, network, number, ("bicycle", 70.0 / density.vehicles))
@@ -95,7 +101,22 @@ def populate(
             drafts += _fill_sparsely(
                 rng, network, number, ("pedestrian", 12.0 / density.pedestrians)
             )
-    return _assemble(network, drafts)
+    return _assemble(network, _without_overlaps(network, drafts))
+
+
+def _without_overlaps(network: RoadNetwork, drafts: list[_Draft]) -> list[_Draft]:
+    """Leaves out who would stand in somebody else; a trailer goes with its truck."""
+    places = []
+    for d in drafts:
+        s = d.s_m + 0.5 * KINDS[d.label].wheelbase * d.size_m[0]
+        places.append(network.routes[d.path].curve.at(np.array([s]), np.array([d.lateral_m]))[0])
+    party = np.arange(len(drafts))
+    towed = np.flatnonzero([d.label == "trailer" for d in drafts])
+    party[towed] -= 1
+    keep = first_come(np.array(places), np.array([d.size_m for d in drafts]), party)
+    both = keep[towed] & keep[towed - 1]
+    keep[towed], keep[towed - 1] = both, both
+    return [d for d, stays in zip(drafts, keep, strict=True) if stays]
 
 
 def _ego(rng: np.random.Generator, network: RoadNetwork, ego_start_m: float) -> _Draft:
@@ -105,54 +126,83 @@ def _ego(rng: np.random.Generator, network: RoadNetwork, ego_start_m: float) -> 
     path = int(rng.choice(choices))
     road = network.roads[0]
     s = max(road.origin_s_m - ego_start_m, 20.0)
-    speed = network.routes[path].speed_limit_mps * rng.uniform(0.3, 1.0)
-    return _Draft(
-        "car", (4.6, 1.85, 1.6), path, float(s), float(speed), 0.95, 0.0, (0.1, 60.0, 0.0)
-    )
+    share = 0.0 if rng.random() < 0.12 else rng.uniform(0.1, 1.0)
+    speed = float(network.routes[path].speed_limit_mps * share)
+    return _Draft("car", (4.6, 1.85, 1.6), path, float(s), speed, 0.95, 0.0, (0.1, 60.0, 0.0))
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """How a lane moves."""
+
+    pace_mps: float
+    spread_mps: float
+    """Speeds of single vehicles lie up to so much higher; some then stand."""
+    gap_m: float
+
+
+def _flow(rng: np.random.Generator, limit_mps: float, density: float) -> _Flow:
+    """Free, slow, creeping, or stop and go."""
+    kind = str(rng.choice(["free", "slow", "creep", "jam"], p=[0.66, 0.12, 0.09, 0.13]))
+    if kind == "jam":
+        return _Flow(0.0, 4.0, 2.5)
+    if kind == "creep":
+        return _Flow(float(rng.uniform(0.2, 2.5)), 0.0, 3.0)
+    pace = limit_mps * float(rng.uniform(0.5, 1.05) if kind == "free" else rng.uniform(0.12, 0.4))
+    return _Flow(pace, 0.0, (11.0 + 1.6 * pace + float(rng.exponential(18.0))) / density)
 
 
 def _fill_lane(
-    rng: np.random.Generator,
-    network: RoadNetwork,
-    lane: tuple[int, int, int],
-    context: tuple[float, _Draft],
+    rng: np.random.Generator, network: RoadNetwork, lane: tuple[int, int, int], density: Density
 ) -> list[_Draft]:
-    density, ego = context
     routes = [i for i, r in enumerate(network.routes) if r.kind == "drive" and r.lane == lane]
-    limit = network.routes[routes[0]].speed_limit_mps
-    flow = limit * float(rng.choice([0.15, 0.5, 0.8, 1.0], p=[0.15, 0.2, 0.3, 0.35]))
-    spacing = (8.0 + 1.6 * flow + float(rng.exponential(18.0))) / density
-    s, end = float(rng.uniform(0.0, spacing)), network.routes[routes[0]].curve.length_m
+    route = network.routes[routes[0]]
+    flow, jam = _flow(rng, route.speed_limit_mps, density.vehicles), _Flow(0.0, 3.0, 2.0)
+    queue = rng.random() < 0.4
+    s, end = float(rng.uniform(0.0, flow.gap_m)), route.curve.length_m
     drafts: list[_Draft] = []
     while s < end - 10.0:
-        draft = _vehicle(rng, network, (routes, s, flow))
-        behind = draft.size_m[0] + (draft.tows.size_m[0] if draft.tows else 0.0)
-        draft.s_m = s = s + behind
+        waits = queue and route.stop_m - 60.0 < s < route.stop_m - 3.0
+        now = jam if waits else flow
+        draft = _vehicle(rng, network, (routes, s, now))
+        draft.s_m = s = s + draft.size_m[0] + (draft.tows.size_m[0] if draft.tows else 0.0)
         if draft.tows:
             _hitch(draft, draft.tows)
-        same_lane = network.routes[ego.path].lane == lane
-        if not (same_lane and abs(s - ego.s_m) < behind + 8.0):
+        into = draft.s_m + 0.5 * draft.size_m[0] - network.routes[draft.path].stop_m
+        if density.mid_turn or not 0.0 < into < 2.0 * network.stop_distance_m + 12.0:
             drafts += [draft, draft.tows] if draft.tows else [draft]
-        s += 3.0 + float(rng.exponential(spacing)) + 0.6 * flow
+        s += 1.5 + float(rng.exponential(now.gap_m)) + 1.0 * now.pace_mps
+    return drafts
+
+
+def _turners(rng: np.random.Generator, network: RoadNetwork) -> list[_Draft]:
+    """Vehicles that are in the middle of a turn when the scene begins."""
+    drafts: list[_Draft] = []
+    for number, route in enumerate(network.routes):
+        bends = route.kind == "drive" and np.ptp(route.curve.heading_rad) > 0.8
+        if bends and np.isfinite(route.stop_m) and rng.random() < 0.4:
+            s = route.stop_m + float(rng.uniform(-2.0, 22.0))
+            draft = _vehicle(rng, network, ([number], s, _Flow(0.0, 7.0, 0.0)))
+            if draft.tows is None:
+                drafts.append(draft)
     return drafts
 
 
 def _vehicle(
-    rng: np.random.Generator, network: RoadNetwork, place: tuple[list[int], float, float]
+    rng: np.random.Generator, network: RoadNetwork, place: tuple[list[int], float, _Flow]
 ) -> _Draft:
     routes, s, flow = place
     label = str(rng.choice(_VEHICLES, p=_SHARES[network.kind]))
-    usable = [r for r in routes if s < network.routes[r].stop_m - 25.0] or routes[:1]
+    usable = [r for r in routes if s < network.routes[r].stop_m + 1.0] or routes[:1]
     weights = np.array([0.6 if r == routes[0] else 0.4 for r in usable])
     path = int(rng.choice(usable, p=weights / weights.sum()))
     kind = KINDS[label]
     wish = max(kind.speed[0] + kind.speed[1] * float(rng.normal()), 0.5)
-    sway = (
-        kind.sway_m * float(rng.uniform(0.2, 1.0)),
-        float(rng.uniform(40, 90)),
-        float(rng.uniform(0, 6)),
-    )
-    speed = min(flow, network.routes[path].speed_limit_mps) * wish
+    drift = 0.45 if rng.random() < 0.1 else kind.sway_m * float(rng.uniform(0.2, 1.0))
+    sway = (drift, float(rng.uniform(40, 90)), float(rng.uniform(0, 6)))
+    speed = min(flow.pace_mps, network.routes[path].speed_limit_mps) * wish
+    if flow.spread_mps > 0:
+        speed = max(float(rng.uniform(-0.5, 1.0)), 0.0) * flow.spread_mps
     lateral = float(np.clip(rng.normal(0.0, 0.12), -0.3, 0.3))
     size = draw_size(rng, label)
     draft = _Draft(label, size, path, s, speed, wish, lateral, sway)

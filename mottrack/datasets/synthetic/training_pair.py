@@ -74,6 +74,7 @@ def _world(rng: np.random.Generator, interval_s: float) -> World:
         pedestrians=float(rng.uniform(0.4, 2.0)),
         parked=float(rng.uniform(0.6, 1.1)),
         unknown=2.0,
+        mid_turn=True,
     )
     return build_world(rng, WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M))
 

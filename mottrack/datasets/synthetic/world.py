@@ -113,6 +113,10 @@ def _line_roads(
             span = _span_on_terrain(verge)
             if span[1] - span[0] < 10.0:
                 continue
+            if side == 1:
+                street.median(verge, span)
+            if side == 1 and rng.random() < (0.4 if network.kind == "motorway" else 0.08):
+                street.bridge(verge, span)
             if network.kind == "motorway":
                 street.motorway_verge(verge, span)
                 continue
