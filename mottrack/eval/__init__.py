@@ -10,5 +10,10 @@ METRICS: dict[str, str] = {
     "clear": "mottrack.eval.clear:clear_counts",
     "identity": "mottrack.eval.identity:identity_counts",
     "hota": "mottrack.eval.hota:hota_counts",
+    "nuscenes": "mottrack.eval.nuscenes.summary:evaluate",
+    "bootstrap": "mottrack.eval.nuscenes.bootstrap:intervals",
+    "anatomy": "mottrack.eval.nuscenes.anatomy_report:dissect",
+    "kitti": "mottrack.eval.kitti.levels:evaluate",
+    "mot": "mottrack.eval.mot.evaluation:score_boxes",
 }
 """Metric name to `module:function`; nothing is imported until it is asked for."""

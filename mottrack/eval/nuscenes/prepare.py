@@ -1,5 +1,7 @@
 """From boxes as given to boxes as evaluated: filter, mean score of a track, gaps filled."""
 
+from dataclasses import fields
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +17,12 @@ Mask = NDArray[np.bool_]
 def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared:
     """Truth and predictions as the evaluation sees them.
 
-    Raises InputError if no true or no predicted box is left to evaluate.
+    Raises InputError if the arrays do not fit together, or if no true or no predicted box is left
+    to evaluate.
     """
     left = []
     for boxes, name in ((truth.boxes, "truth"), (predictions, "predictions")):
+        check_boxes(boxes, len(truth.samples), rules, name)
         kept = boxes.select(kept_boxes(boxes, truth, rules))
         if not len(kept):
             why = f"{len(boxes)} boxes, none in range with points and a class that is evaluated"
@@ -31,6 +35,22 @@ def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared
         fill_gaps(true_boxes, truth.samples, rules),
         fill_gaps(tracks, truth.samples, rules),
     )
+
+
+def check_boxes(boxes: BoxTable, samples: int, rules: Rules, name: str) -> None:
+    """Raises InputError for columns of unequal length, indices out of range, NaN and infinity."""
+    for column in fields(boxes):
+        length = len(getattr(boxes, column.name))
+        if length != len(boxes):
+            raise InputError(f"{name}.{column.name}", f"{length} long", f"{len(boxes)} as sample")
+    for column_name, limit in (("sample", samples), ("label", len(rules.classes))):
+        values = getattr(boxes, column_name)
+        if len(boxes) and not (values.min() >= 0 and values.max() < limit):
+            found = f"between {values.min()} and {values.max()}"
+            raise InputError(f"{name}.{column_name}", found, f"between 0 and {limit - 1}")
+    for column_name in ("centre_m", "score"):
+        if not np.isfinite(getattr(boxes, column_name)).all():
+            raise InputError(f"{name}.{column_name}", "NaN or infinity", "finite numbers")
 
 
 def kept_boxes(boxes: BoxTable, truth: GroundTruth, rules: Rules) -> Mask:

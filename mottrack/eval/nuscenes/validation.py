@@ -25,6 +25,8 @@ _NUMBERS: dict[str, tuple[int, ...]] = {
 }
 UNIT_TOLERANCE = 1e-3
 FAR_FROM_EGO_M = 200.0
+_LOOKED_AT = 3
+"""Boxes of each sample that tell in which frame the submission is."""
 _SHOWN = 20
 
 
@@ -268,7 +270,9 @@ def _check_frame(submission: Submission, samples: Samples) -> Iterator[Problem]:
     """Boxes in ego instead of global coordinates: near the origin, and far from the vehicle."""
     row_of = {token: row for row, token in enumerate(samples.token.tolist())}
     rows, centres = [], []
-    for token, _, box in _boxes(submission):
+    for token, index, box in _boxes(submission):
+        if index >= _LOOKED_AT:
+            continue
         centre = box.get("translation") if isinstance(box, dict) else None
         if token in row_of and centre is not None and _is_vector(centre, 3):
             rows.append(row_of[token])

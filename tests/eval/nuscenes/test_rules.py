@@ -1,6 +1,7 @@
 """Single rules of the official evaluation, on cases small enough to work out by hand."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numba
 import numpy as np
@@ -116,6 +117,22 @@ def test_perfect_predictions_score_one_and_none_is_an_error() -> None:
     assert total["amotp"] == 0.0 and total["mt"] == 4
     with pytest.raises(InputError, match="predictions is 0 boxes"):
         evaluate(given, truth.select(np.zeros(0, np.int64)))
+
+
+def test_arrays_that_do_not_fit_are_errors_not_crashes(
+    make_problem: Callable[..., tuple[GroundTruth, BoxTable]],
+) -> None:
+    truth, tracks = make_problem(1)
+    ones = np.ones(len(tracks))
+    faults = [
+        (replace(tracks, sample=tracks.sample + 1000), "predictions.sample is between"),
+        (replace(tracks, label=tracks.label + np.int8(7)), "predictions.label is between"),
+        (replace(tracks, score=ones * np.nan), "predictions.score is NaN"),
+        (replace(tracks, score=ones[1:]), "predictions.score is .* long"),
+    ]
+    for broken, complaint in faults:
+        with pytest.raises(InputError, match=complaint):
+            evaluate(truth, broken)
 
 
 def test_figures_do_not_depend_on_names_of_tracks_or_order_of_scenes(
