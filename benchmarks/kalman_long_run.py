@@ -2,8 +2,7 @@
 
 Random steps from 0.1 ms to 30 s, missed detections, scales over five decades, velocities with full
 covariances. Printed: the worst asymmetry and the smallest eigenvalue met on the way, both in units
-of each track's own scale. A million filter steps in
-parallel are `tests/trackers/test_long_run.py`.
+of each track's own scale. `tests/trackers/test_long_run.py` does a million steps in parallel.
 """
 
 from __future__ import annotations
