@@ -260,7 +260,7 @@ def outside_the_cycle(sweeps: list[Sweep]) -> list[dict[str, Any]]:
 
 def main() -> None:
     options = arguments(__doc__ or "")
-    sweeps = [street(k) for k in range(8 if options.quick else 24)]
+    sweeps = [street(k) for k in range(8 if options.quick else 12)]
     scans = []
     for sweep in sweeps:
         x_m, y_m = sweep.world_T_ego.translation_m[:2]
