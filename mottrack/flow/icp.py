@@ -28,7 +28,9 @@ from mottrack.flow.kept_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
 from mottrack.lidar.point_grid import PointGrid, build_point_grid
 from mottrack.lidar.residual import box_residual, capped_residual, capped_residuals
+from mottrack.lidar.thinning import first_in_voxel
 
+_VOXEL_M = 0.1
 _NOT_MEASURED = np.full(2, np.nan)
 
 
@@ -236,7 +238,10 @@ class IcpFlow:
 
 def _prepared(previous_m: NDArray[np.float32], elapsed_s: float, gate_m: float) -> _Pair:
     target = small_gicp.PointCloud(previous_m.astype(np.float64))
-    grid = build_point_grid(previous_m, gate_m, float(np.abs(previous_m[:, :2]).max()) + gate_m)
+    # starts are compared on thinned points, the same for all; ICP itself has every point
+    thinned_m = previous_m[first_in_voxel(previous_m, _VOXEL_M)]
+    reach_m = float(np.abs(previous_m[:, :2]).max()) + gate_m
+    grid = build_point_grid(thinned_m, gate_m / 2, reach_m)
     return _Pair(target, small_gicp.KdTree(target), grid, elapsed_s)
 
 
