@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.stats import beta
 
@@ -12,6 +13,7 @@ from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.datasets.synthetic.catalogue import KINDS, TRACKED
 from mottrack.datasets.synthetic.config import DetectorConfig
+from mottrack.datasets.synthetic.hashing import mix, unit
 
 _BEST_RECALL = {
     "car": 0.96, "truck": 0.9, "bus": 0.93, "trailer": 0.85,
@@ -85,17 +87,23 @@ class Clock:
 
     def uniforms(self, identity: NDArray[np.int64], purpose: int) -> NDArray[np.float64]:
         """(N,) uniform numbers, the same over _STICKY_S for most of the time."""
-        out = np.empty(len(identity))
-        for i, number in enumerate(identity):
-            fresh = self._rng(purpose, int(number), self.stamp_ns)
-            shift = fresh.random()
-            block = int(self.stamp_ns * 1e-9 / _STICKY_S + int(number) * 0.37)
-            sticky = self._rng(purpose + 1, int(number), block).random()
-            out[i] = sticky if shift < _STICKY_SHARE else fresh.random()
-        return out
+        block_ns = round(1e9 * _STICKY_S)
+        start = np.uint64(self.seed * 64 + purpose)
+        return np.asarray(_sticky_uniforms(start, identity, self.stamp_ns, block_ns))
 
-    def _rng(self, *key: int) -> np.random.Generator:
-        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
+
+@njit(cache=True)
+def _sticky_uniforms(
+    seed: np.uint64, identity: NDArray[np.int64], stamp_ns: int, block_ns: int
+) -> NDArray[np.float64]:
+    out = np.empty(len(identity))
+    for i in range(len(identity)):
+        own = mix(seed, identity[i])
+        fresh = mix(own, stamp_ns)
+        # each thing changes its mind at moments of its own
+        block = mix(own, (stamp_ns + np.int64(unit(own) * block_ns)) // block_ns)
+        out[i] = unit(mix(block, 1)) if unit(fresh) < _STICKY_SHARE else unit(mix(fresh, 1))
+    return out
 
 
 def detect(

@@ -43,9 +43,27 @@ def _waves(
     way, phase = rng.uniform(-np.pi, np.pi, 4), rng.uniform(0.0, 2.0 * np.pi, 4)
     u = np.outer(wave * np.cos(way), x) + phase[:, None]
     v = np.outer(y, wave * np.sin(way))
-    # sin(u + v) as products: one sine per grid point would take longer than a sweep
-    crest = (np.cos(v) * (spare / wave)) @ np.sin(u) + (np.sin(v) * (spare / wave)) @ np.cos(u)
-    return np.asarray(height + crest)
+    _add_waves(height, spare / wave, (np.sin(u), np.cos(u)), (np.sin(v), np.cos(v)))
+    return np.asarray(height)
+
+
+@njit(cache=True)
+def _add_waves(
+    height: NDArray[np.float64],
+    size_m: NDArray[np.float64],
+    along: tuple[NDArray[np.float64], NDArray[np.float64]],
+    across: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    """Adds waves sin(u + v) from the sines and cosines of u and v.
+
+    One sine per grid point would take longer than a sweep; a matrix product would be as fast but
+    rounds differently with another number of threads.
+    """
+    for row in range(height.shape[0]):
+        for k in range(len(size_m)):
+            c, s = size_m[k] * across[1][row, k], size_m[k] * across[0][row, k]
+            for col in range(height.shape[1]):
+                height[row, col] += c * along[0][k, col] + s * along[1][k, col]
 
 
 def _surfaces(network: RoadNetwork, extent: Extent, shape: tuple[int, int]) -> NDArray[np.int8]:

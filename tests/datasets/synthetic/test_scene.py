@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import subprocess
 import sys
 
@@ -41,7 +42,12 @@ def test_same_bytes_in_any_order_number_of_scenes_and_process():
     )
     root = __file__.rsplit("/tests/", 1)[0]
     run = subprocess.run(
-        [sys.executable, "-c", code, root], capture_output=True, text=True, check=True, cwd=root
+        [sys.executable, "-c", code, root],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=root,
+        env=os.environ | {"OMP_NUM_THREADS": "3", "PYTHONHASHSEED": "7"},
     )
     assert run.stdout.strip() == expected[1]
 
