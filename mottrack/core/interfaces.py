@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mottrack.core.frame import Frame
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects, Tracks
@@ -50,6 +53,24 @@ class ObjectSource(Protocol):
 
     def reset(self) -> None:
         """Forgets everything: a new scene begins."""
+        ...
+
+
+@runtime_checkable
+class GroundMap(Protocol):
+    """A scene whose map knows how high the ground is (Argoverse 2)."""
+
+    def ground_height(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) world height of the ground at (N, 2) world positions; NaN where unknown."""
+        ...
+
+
+@runtime_checkable
+class GroundUser(Protocol):
+    """An object source that prefers a map's ground to its own estimate."""
+
+    def use_ground(self, ground: GroundMap) -> None:
+        """Is called once, before the first frame of a scene that has a map."""
         ...
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +61,25 @@ class SceneResult:
     @property
     def hulls(self) -> list[NDArray[np.float64]]:
         """Per track row its (K, 2) hull corners; K is 0 where the box is meant."""
-        return np.split(self.hull_xy_m, np.cumsum(self.tracks.hull_corners)[:-1])
+        ends = np.cumsum(self.tracks.hull_corners)
+        return np.split(self.hull_xy_m, ends[:-1]) if len(ends) else []
+
+    def where_labelled(self) -> SceneResult:
+        """The result without the boxes that lie where nobody labelled anything.
+
+        KITTI labels what its camera sees: elsewhere a track is no error.
+        """
+        truth = self.frames.labelled(self.truth.frame, self.truth.centre_m)
+        tracks = self.frames.labelled(self.tracks.frame, self.tracks.centre_m)
+        if truth.all() and tracks.all():
+            return self
+        hulls = [hull for hull, kept in zip(self.hulls, tracks, strict=True) if kept]
+        return replace(
+            self,
+            truth=self.truth.select(truth),
+            tracks=self.tracks.select(tracks),
+            hull_xy_m=np.concatenate(hulls) if hulls else np.zeros((0, 2)),
+        )
 
     def save(self, path: Path) -> None:
         """Writes everything but the timings; the file is replaced at once or not at all."""

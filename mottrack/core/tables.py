@@ -15,6 +15,7 @@ from mottrack.core.objects import Tracks
 
 Columns = dict[str, tuple[Any, tuple[int, ...]]]
 
+ALL_AROUND_RAD = (-np.pi, np.pi)
 BOX_COLUMNS: Columns = {
     "frame": (np.int64, ()),
     "id": (np.int64, ()),
@@ -74,6 +75,7 @@ class FrameTable(Table):
         "stamp_ns": (np.int64, ()),
         "token": (np.str_, ()),
         "world_T_ego": (np.float64, (4, 4)),
+        "labelled_azimuth_rad": (np.float64, (2,)),
     }
 
     stamp_ns: NDArray[np.int64]
@@ -82,6 +84,8 @@ class FrameTable(Table):
     """(T,) the data set's own name of the frame."""
     world_T_ego: NDArray[np.float64]
     """(T, 4, 4) pose of the vehicle."""
+    labelled_azimuth_rad: NDArray[np.float64]
+    """(T, 2) right and left azimuth, ego frame, between which objects are labelled."""
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> FrameTable:
@@ -90,7 +94,25 @@ class FrameTable(Table):
             np.array([f.stamp_ns for f in frames], dtype=np.int64),
             np.array([f.token for f in frames], dtype=np.str_),
             np.array([f.world_T_ego.matrix for f in frames]).reshape(-1, 4, 4),
+            np.array([f.labelled_azimuth_rad or ALL_AROUND_RAD for f in frames]).reshape(-1, 2),
         )
+
+    def labelled(
+        self, frame: NDArray[np.int64], centre_m: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """(N,) whether boxes lie where objects are labelled.
+
+        Args:
+            frame: (N,) row of this table that each box belongs to.
+            centre_m: (N, 3) centre of each box, world frame.
+        """
+        world_T_ego = self.world_T_ego[frame]
+        from_ego = centre_m - world_T_ego[:, :3, 3]
+        x, y = np.einsum("nij,ni->jn", world_T_ego[:, :3, :2], from_ego)
+        azimuth = np.arctan2(y, x)
+        right, left = self.labelled_azimuth_rad[frame].T
+        inside: NDArray[np.bool_] = (azimuth >= right) & (azimuth <= left)
+        return inside
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,6 +117,7 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
     track carries a class of the truth (clusters), classes are not told apart.
     """
     config = config or ScoreConfig()
+    results = [result.where_labelled() for result in results]
     labels = _labels(results)
     told_apart = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
     if config.class_agnostic or not told_apart:
@@ -144,7 +145,8 @@ def _scores(
 ) -> Scores:
     flow = [result.flow for result in results if len(result.flow)]
     samples = [velocity_samples(result, config.velocity) for result in results]
-    velocity = velocity_table(samples, config.velocity)
+    declared = {name for result in results for name in result.classes}
+    velocity = velocity_table(samples, config.velocity, declared)
     return Scores(overall, classes, velocity, flow_table(flow) if flow else {})
 
 

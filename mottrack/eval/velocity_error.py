@@ -18,7 +18,7 @@ The error is |v_track - v_true| over the ground, in m/s. Categories overlap:
 5 % of the rows (at least one row) and the 95th percentile (linear interpolation).
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ from mottrack.eval.pairs import F64, I64
 from mottrack.geometry.iou import bev_corners, boxes7
 from mottrack.geometry.polygon import intersection_area, polygon_area
 
+OTHER = "labels no detector reports"
 NO_OBJECT, LEFT_OUT = -1, -2
 FAST_MPS = 3.0
 CATEGORIES = (
@@ -66,6 +67,9 @@ class ErrorRow:
     worst_mean_mps: float
     """Mean over the worst 5 % of the rows."""
     percentile_95_mps: float
+
+
+NO_ROWS = ErrorRow(0, *(4 * [float("nan")]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,9 +147,15 @@ def _object_of(shape: F64, near: I64, corners: F64, significant_overlap: float) 
 
 
 def velocity_table(
-    samples: Iterable[VelocitySamples], config: VelocityErrorConfig | None = None
+    samples: Iterable[VelocitySamples],
+    config: VelocityErrorConfig | None = None,
+    classes: Collection[str] = (),
 ) -> dict[str, ErrorRow]:
-    """The rows of the paper's table, then "all", then a row for every class of object."""
+    """The rows of the paper's table, then "all", then a row for every class of object.
+
+    Where `classes` are given, objects of other labels (an animal, a thrown ball: what no detector
+    reports) share one row at the end.
+    """
     config = config or VelocityErrorConfig()
     parts = list(samples)
     error = np.concatenate([p.error_mps for p in parts]) if parts else np.zeros(0)
@@ -162,14 +172,18 @@ def velocity_table(
     )
     table = {name: error_row(error[mask]) for name, mask in zip(CATEGORIES, masks, strict=True)}
     table["all"] = error_row(error)
-    table |= {str(name): error_row(error[label == name]) for name in np.unique(label[has])}
+    found = [str(name) for name in np.unique(label[has])]
+    listed = [name for name in found if not classes or name in classes]
+    table |= {name: error_row(error[label == name]) for name in listed}
+    if len(listed) < len(found):
+        table[OTHER] = error_row(error[has & ~np.isin(label, listed)])
     return table
 
 
 def error_row(error_mps: F64) -> ErrorRow:
     """The figures of one set of errors (N,)."""
     if not len(error_mps):
-        return ErrorRow(0, *(4 * [float("nan")]))
+        return NO_ROWS
     worst = np.sort(error_mps)[-max(1, round(0.05 * len(error_mps))) :]
     return ErrorRow(
         len(error_mps),

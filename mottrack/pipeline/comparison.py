@@ -13,6 +13,7 @@ import numpy as np
 from mottrack.core.result import SceneResult
 from mottrack.core.storage import write_text
 from mottrack.eval.scores import Scores, score
+from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.run_folder import RunFolder
 from mottrack.pipeline.runner import RunReport, run_experiment
@@ -29,6 +30,10 @@ class ScoredRun:
     scores: Scores
     stage_ms: dict[str, float]
     """Mean wall time of each stage per key frame, milliseconds."""
+
+    def velocity_error(self, row: str) -> ErrorRow:
+        """One line of the velocity table; without rows where this run has none of the kind."""
+        return self.scores.velocity.get(row, NO_ROWS)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for scores.json."""
@@ -62,6 +67,11 @@ class Comparison:
             for run in self.runs
             for scene, reason in run.report.failed.items()
         }
+
+
+def velocity_rows(runs: Sequence[ScoredRun]) -> list[str]:
+    """The lines of the velocity table that any run has, in order."""
+    return list(dict.fromkeys(row for run in runs for row in run.scores.velocity))
 
 
 def run_comparison(

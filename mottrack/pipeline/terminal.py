@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from mottrack.eval.scores import Scores
-from mottrack.pipeline.comparison import Comparison, ScoredRun
+from mottrack.pipeline.comparison import Comparison, ScoredRun, velocity_rows
 from mottrack.pipeline.workers import Outcome
 
 
@@ -117,10 +117,10 @@ def _velocity_table(runs: list[ScoredRun]) -> Table:
     table = Table(
         "tracks", *_titles(runs), title="Track velocity error, m/s: mean | worst 5 % (rows)"
     )
-    for row in runs[0].scores.velocity:
+    for row in velocity_rows(runs):
         cells = []
         for run in runs:
-            error = run.scores.velocity[row]
+            error = run.velocity_error(row)
             cells.append(
                 f"{_number(error.mean_mps)} | {_number(error.worst_mean_mps)} ({error.count})"
             )
@@ -140,6 +140,8 @@ def _flow_cell(scores: Scores, row: str) -> str:
     if row not in scores.flow:
         return "-"
     error = scores.flow[row]
+    if not error.cells:
+        return "-"
     share = f"{100 * error.within_1_mps:.0f} %"
     return f"{_number(error.rmse_mps)} | {_number(error.median_mps)} | {share}"
 

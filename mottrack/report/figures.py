@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mottrack.core.snapshot import Snapshot, load_snapshots
-from mottrack.pipeline.comparison import ScoredRun
+from mottrack.pipeline.comparison import ScoredRun, velocity_rows
 from mottrack.pipeline.terminal import title
 from mottrack.viz.bev import FULL_COLOUR_MPS, TRACK_COLOUR, TRUTH_COLOUR, draw_bev
 from mottrack.viz.colour_wheel import flow_to_rgb
@@ -43,10 +43,10 @@ def velocity_bars(runs: Sequence[ScoredRun]) -> str:
     """Mean velocity error of every category, a bar a run."""
     figure = Figure(figsize=(9, 3.6), layout="constrained")
     axes = figure.add_subplot()
-    rows = [r for r in runs[0].scores.velocity if runs[0].scores.velocity[r].count]
+    rows = [r for r in velocity_rows(runs) if any(run.velocity_error(r).count for run in runs)]
     width = 0.8 / len(runs)
     for index, run in enumerate(runs):
-        heights = [run.scores.velocity[row].mean_mps for row in rows]
+        heights = [run.velocity_error(row).mean_mps for row in rows]
         axes.bar(np.arange(len(rows)) + index * width, heights, width, label=title(run))
     axes.set_xticks(np.arange(len(rows)) + 0.4 - width / 2, [_wrapped(r) for r in rows])
     axes.tick_params(axis="x", labelsize=7)

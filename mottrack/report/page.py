@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import mottrack
 from mottrack.core.storage import write_text
-from mottrack.pipeline.comparison import Comparison, ScoredRun
+from mottrack.pipeline.comparison import Comparison, ScoredRun, velocity_rows
 from mottrack.pipeline.terminal import title
 from mottrack.report.figures import bev_grid, velocity_bars
 
@@ -44,6 +44,7 @@ def _content(runs: Sequence[ScoredRun], comparison: Comparison) -> dict[str, Any
         "runs": runs,
         "scenes": scenes,
         "pictures": {scene: url for scene, url in pictures.items() if url},
+        "velocity_rows": velocity_rows(runs),
         "velocity_bars": velocity_bars(runs) if runs else "",
         "configs": {title(run): _yaml(run) for run in runs},
         "failed": comparison.failed,

@@ -201,3 +201,21 @@ def test_no_damage_to_a_stored_result_passes_unseen(tmp_path: Path) -> None:
         path.write_bytes(whole[:cut])
         with pytest.raises(ResultError, match=r"a\.npz"):
             SceneResult.load(path)
+
+
+def test_boxes_outside_the_labelled_azimuth_do_not_count() -> None:
+    n = 4
+    tracks = replace(
+        some_tracks(3),
+        centre_m=np.array([[10.0, 0, 0], [-10, 0, 0], [0, 10, 0]]),
+        label=np.array(["car"] * 3),
+    )
+    turned = Pose.from_yaw(np.pi / 2)  # the vehicle looks along +y of the world
+    frames = [Frame(k, turned, labelled_azimuth_rad=(-0.5, 0.5)) for k in range(n)]
+    table = TrackTable.of([tracks])
+    hulls = np.concatenate(tracks.hull or ())
+    result = SceneResult(
+        "s", FrameTable.of(frames), TruthTable.empty(), table, hull_xy_m=hulls
+    ).where_labelled()
+    assert result.tracks.centre_m.tolist() == [[0, 10, 0]]
+    np.testing.assert_array_equal(result.hulls[0], (tracks.hull or ())[2])

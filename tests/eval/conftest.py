@@ -19,7 +19,12 @@ def make_tables(rows: list[dict[str, Any]], frames: int) -> SceneResult:
     hulls = [np.array(row.get("hull", np.zeros((0, 2)))) for row in sides["track"]]
     return SceneResult(
         "scene",
-        FrameTable(stamps, np.array([str(k) for k in range(frames)]), poses),
+        FrameTable(
+            stamps,
+            np.array([str(k) for k in range(frames)]),
+            poses,
+            np.tile([-np.pi, np.pi], (frames, 1)),
+        ),
         TruthTable(
             **_columns(sides["truth"]),
             num_points=np.array([row.get("points", 5) for row in sides["truth"]], np.int64),
