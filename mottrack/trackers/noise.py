@@ -67,7 +67,8 @@ def estimate_noise(pairs: Pairs) -> dict[str, ClassEstimate]:
             found[label] = estimate
     if not found:
         counts = {c: int((pairs.label == c).sum()) for c in np.unique(pairs.label).tolist()}
-        raise InputError("pairs by class", counts, f"at least {LEAST_COUNT} of one class")
+        expected = f"at least {LEAST_COUNT} pairs and as many accelerations of one class"
+        raise InputError("pairs by class", counts, expected)
     return found
 
 
