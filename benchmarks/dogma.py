@@ -283,11 +283,9 @@ def main() -> None:
                 | agreement(maps, peer_maps)
             )
         rows.append({"particles": particles, "threads": 1, "phase": "filter, numpy", **peer_ms})
-    report(rows)
+    report(rows, options.json)
     report(checks)
     report(outside_the_cycle(sweeps))
-    if options.json:
-        report(rows, options.json)
 
 
 if __name__ == "__main__":

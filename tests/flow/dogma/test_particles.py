@@ -63,9 +63,6 @@ def test_resting_particles_stay_until_they_start():
     assert not particles.x_m.any()
     assert not particles.y_m.any()
     moving = np.hypot(particles.vx_mps, particles.vy_mps) > 0
-    assert (
-        particles.vx_mps[moving].size == np.hypot(particles.vx_mps, particles.vy_mps)[moving].size
-    )
     came_to_rest = 1 - np.exp(-0.5 * (0.3 / 0.4) ** 2)
     np.testing.assert_allclose(moving.mean(), 0.1 * (1 - came_to_rest), rtol=0.05)
 
