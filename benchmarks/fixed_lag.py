@@ -220,7 +220,7 @@ def main() -> None:
     lines: list[dict[str, object]] = []
     for lag_s in (1.0, 2.0):
         lag_ns = round(lag_s * 1e9)
-        peer = peer_times(lag_s, 20 if options.quick else 60, tracks)
+        peer = peer_times(lag_s, 36 if options.quick else 80, tracks)
         peer_ms = float(peer[min(20, len(peer) // 3) :].mean())
         lines.append(row("IncrementalFixedLagSmoother per track", lag_s, peer, peer_ms))
         for name, engine in (

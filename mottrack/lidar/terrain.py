@@ -10,8 +10,6 @@ assumed about the height of the ego frame's origin over the road.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
@@ -22,22 +20,6 @@ from mottrack.core.sweep import Sweep
 from mottrack.lidar.terrain_fit import above, envelope, interpolated, lowest, pits, planes, remember
 
 F64 = NDArray[np.float64]
-
-
-class GroundHeight(Protocol):
-    """Anything that knows how high the ground is: an estimate, or a map's raster."""
-
-    def update(self, sweep: Sweep) -> None:
-        """Learns from a sweep, in order of time; a map has nothing to learn."""
-        ...
-
-    def height_m(self, xy_m: F64) -> F64:
-        """(N,) world height of the ground at (N, 2) world positions; NaN where unknown."""
-        ...
-
-    def reset(self) -> None:
-        """Forgets everything: a new scene begins."""
-        ...
 
 
 class TerrainConfig(StrictModel):

@@ -11,11 +11,12 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
+from mottrack.core.interfaces import GroundMap
 from mottrack.core.objects import Objects
 from mottrack.core.sweep import Sweep
 from mottrack.geometry.hulls import HullSet, hulls_of_groups
 from mottrack.lidar.ground import GroundConfig, find_ground
-from mottrack.lidar.terrain import GroundHeight, Terrain, TerrainConfig
+from mottrack.lidar.terrain import Terrain, TerrainConfig
 from mottrack.objects.cluster_points import ClusterPoints, group_points, kept_points
 from mottrack.objects.clustering import box_mask, component_labels, split_large
 from mottrack.objects.reference import ReferenceConfig, position_covariance, reference_points
@@ -35,7 +36,8 @@ class ClustersConfig(StrictModel):
     """How points become clusters."""
 
     ground: Literal["terrain", "plane"] = Field(
-        "terrain", description="height map over sweeps, or RANSAC plane of each sweep"
+        "terrain",
+        description="map's raster or height map over sweeps; or RANSAC plane of each sweep",
     )
     min_height_m: float = Field(0.3, description="lowest kept height above ground")
     max_height_m: float = Field(2.0, description="highest kept height above ground")
@@ -57,19 +59,19 @@ class ClusterSource:
     Config = ClustersConfig
     needs_sweeps = True
 
-    def __init__(
-        self, config: ClustersConfig | None = None, ground: GroundHeight | None = None
-    ) -> None:
-        """With `ground`, heights come from there (a map's raster) instead of an estimate."""
+    def __init__(self, config: ClustersConfig | None = None) -> None:
         self.config = config or ClustersConfig()
         self._terrain = Terrain(self.config.terrain)
-        self._ground = ground
+        self._map: GroundMap | None = None
+
+    def use_ground(self, ground: GroundMap) -> None:
+        """Takes heights from a map's raster; where that knows none, from the estimate."""
+        self._map = ground if self.config.ground == "terrain" else None
 
     def reset(self) -> None:
-        """Forgets the terrain: a new scene begins."""
+        """Forgets the terrain and the map: a new scene begins."""
         self._terrain.reset()
-        if self._ground is not None:
-            self._ground.reset()
+        self._map = None
 
     def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
         """Clusters in the world frame, all of label "generic", with hull and position covariance.
@@ -107,16 +109,17 @@ class ClusterSource:
         )
 
     def _heights_m(self, sweep: Sweep) -> F64:
-        """(N,) heights above ground; NaN where the ground is unknown."""
-        if self._ground is not None:
-            self._ground.update(sweep)
-            world_m = sweep.world_T_ego.apply(sweep.xyz_m)
-            return world_m[:, 2] - self._ground.height_m(world_m[:, :2])
+        """(N,) heights above ground."""
         if self.config.ground == "plane":
             plane = find_ground(np.array(sweep.xyz_m), self.config.plane).plane
             return np.asarray(sweep.xyz_m[:, 2] - sweep.xyz_m[:, :2] @ plane[:2] - plane[2], float)
         self._terrain.update(sweep)
-        return self._terrain.height_above_m(sweep)
+        estimate_m = self._terrain.height_above_m(sweep)
+        if self._map is None:
+            return estimate_m
+        world_m = sweep.world_T_ego.apply(sweep.xyz_m)
+        mapped_m = world_m[:, 2] - self._map.ground_height(world_m[:, :2])
+        return np.where(np.isnan(mapped_m), estimate_m, mapped_m)
 
     def _mask(
         self, frame: Frame, corner_m: F64, shape: tuple[int, ...]

@@ -134,3 +134,22 @@ def test_velocity_is_sampled_on_the_hull_by_both_rules() -> None:
     np.testing.assert_allclose(weighted.mean_mps[0], [16 / 3, 0.0], atol=1e-5)
     outside = replace(cluster, hull=(triangle + 100.0,), centre_m=cluster.centre_m + 100.0)
     assert not measure_velocity(field, outside).valid[0]
+
+
+class _Map:
+    """Knows the ground where x is positive, 5 m too high."""
+
+    def ground_height(self, xy_m: np.ndarray) -> np.ndarray:
+        return np.where(xy_m[:, 0] > 0, 5.0, np.nan)
+
+
+def test_a_map_is_believed_and_the_estimate_fills_its_gaps() -> None:
+    rng, pose = np.random.default_rng(4), Pose.identity()
+    points = [ground(rng, 0.0, 1.0), block(10, 0, CAR, -1.0), block(-10, 0, CAR, -1.0)]
+    source = ClusterSource()
+    source.use_ground(_Map())
+    found = source.objects(Frame(10**9, pose), sweep_of(points, pose))
+    assert len(found) == 1
+    assert found.centre_m[0, 0] < 0
+    source.reset()
+    assert len(source.objects(Frame(10**9, pose), sweep_of(points, pose))) == 2
