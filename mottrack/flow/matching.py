@@ -302,7 +302,7 @@ def _polish(
     centre_x, centre_y, radius_m = _middle(points_m)
     turn = 0.0
     turns = len(points_m) >= _TURN_POINTS and radius_m > _TURN_RADIUS_M
-    step = 0.16
+    step = 0.08
     while step > 0.012:
         improved = False
         for axis in range(3 if turns else 2):
