@@ -185,7 +185,7 @@ class SyntheticScene:
             np.full(len(rows), 6),
         )  # fmt: skip
         rates = ghosts.rate[rows] * self._config.detector.false_positives
-        return seen, np.clip(0.25 * rates, 0.0, 0.95)
+        return seen, np.clip(0.6 * rates, 0.0, 0.95)
 
 
 def scene_name(seed: int, number: int) -> str:
