@@ -166,11 +166,11 @@ def read_pandaset(folder: Path) -> Drive:
 def read_kitti(folder: Path, sequence: str = "0000") -> Drive:
     """A KITTI tracking sequence with packed sweeps; the ego frame is the Velodyne's."""
     training = folder / "training"
-    calibration = dict(
-        (line.split()[0].rstrip(":"), np.array(line.split()[1:], dtype=np.float64))
+    calibration = {
+        line.split()[0].rstrip(":"): np.array(line.split()[1:], dtype=np.float64)
         for line in (training / "calib" / f"{sequence}.txt").read_text().splitlines()
         if line.strip()
-    )
+    }
     rectify = np.eye(4)
     rectify[:3, :3] = calibration["R0_rect"].reshape(3, 3)
     camera_T_velo = np.vstack([calibration["Tr_velo_to_cam"].reshape(3, 4), [0, 0, 0, 1]])

@@ -66,7 +66,8 @@ def is_moving(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
         far, matches.passed >= config.min_passed, matches.points >= config.many_points
     )
     moving: NDArray[np.bool_] = explains(matches, strong, config) & enough
-    return moving | is_evident(matches, config)
+    moving |= is_evident(matches, config)
+    return moving
 
 
 def is_evident(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
@@ -80,7 +81,8 @@ def is_evident(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
     significant &= matches.points >= config.significant_points
     better = matches.cost_m < config.evident_ratio * matches.rest_cost_m
     better &= matches.cost_m < noise_floor(matches, config) + config.loose_over_floor_m
-    return (passed | significant) & better
+    evident: NDArray[np.bool_] = (passed | significant) & better
+    return evident
 
 
 def explains(
