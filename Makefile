@@ -7,7 +7,7 @@ OUT ?= out/demo
 # tests share the cores with pytest-xdist, so a library must not open threads of its own
 TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test lint bench oracle peers docs clean
+.PHONY: demo test lint bench oracle peers forget clean
 
 demo: $(READY)
 	$(BIN)/mottrack demo --out $(OUT)
@@ -40,9 +40,9 @@ peers:
 	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/python -m pip install -q -r benchmarks/peers/requirements.txt
 
-docs: $(READY)
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[docs]"
-	$(BIN)/mkdocs build --strict
+# numba does not see that a callee in another file has changed
+forget:
+	find mottrack benchmarks -name '*.nb[ci]' -delete
 
 clean:
 	rm -rf $(VENV) .venv-oracle .venv-peers out build dist
