@@ -90,6 +90,9 @@ class AssociationConfig(StrictModel):
         gt=0,
         description="density of new and false detections; a pair must be likelier than a stray",
     )
+    strays_per_m2: dict[str, float] = Field(
+        default_factory=dict, description="that density by class, where `stray_per_m2` is given"
+    )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
     velocity_limit: float | None = Field(
         None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
-from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
+from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig, NmsConfig
 from mottrack.trackers.kalman.noise_model import (
     NoiseRows,
     initial_velocity_covariance,
@@ -40,6 +40,8 @@ class Detections:
     """(N, 2, 2) R_d."""
     stray_surprise: F64
     """(N,) -2 ln p of the velocity (but for a constant) of an object that no track expects."""
+    surprise_limit: F64
+    """(N,) -2 ln lambda: a pair that surprises more is less likely than a stray; else infinite."""
     moving: NDArray[np.bool_]
     """(N,) whether the velocity was measured."""
     label: I64
@@ -120,11 +122,20 @@ def _pack(
         velocity=velocity,
         velocity_covariance=velocity_covariance,
         stray_surprise=surprise + np.log(determinant_2x2(unexpected)),
+        surprise_limit=_surprise_limit(config.association, objects.label[rows]),
         moving=moving,
         label=label,
         score=objects.score[rows],
         source=rows,
     )
+
+
+def _surprise_limit(config: AssociationConfig, label: NDArray[np.str_]) -> F64:
+    if config.stray_per_m2 is None:
+        return np.full(len(label), np.inf)
+    default = config.stray_per_m2
+    density = [config.strays_per_m2.get(name, default) for name in label.tolist()]
+    return np.asarray(-2.0 * np.log(np.array(density, np.float64)))
 
 
 def _velocity(

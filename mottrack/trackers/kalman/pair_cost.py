@@ -77,7 +77,7 @@ def mahalanobis_cost(
         return distance, distance
     spread = 2.0 * np.log(2.0 * np.pi) - np.log(determinant_2x2(inverse))
     surprise = squared + spread + bits
-    unlikely = surprise > -2.0 * np.log(config.stray_per_m2)
+    unlikely = surprise > seen.surprise_limit[i]
     return np.where(unlikely, np.inf, distance), surprise
 
 

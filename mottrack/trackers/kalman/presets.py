@@ -25,6 +25,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "components": "planar",
             "gate": 5.0,
             "stray_per_m2": 0.01,
+            "strays_per_m2": dict.fromkeys(("car", "truck", "bus", "trailer"), 0.004),
             "velocity_limit": 3.0,
         },
         "velocity": {"gate": 5.0},
