@@ -70,7 +70,7 @@ def test_laws(truth: Rows, tracks: Rows) -> None:
     counts = clear_of(pairs)
     assert counts.matches + counts.switches + counts.misses == len(truth)
     assert counts.matches + counts.switches + counts.false_positives == len(tracks)
-    renamed = clear_of(pairs_of(truth, [(f, 50 - i, x) for f, i, x in tracks], 6))
+    renamed = clear_of(pairs_of(truth, [(f, 50 + 3 * i, x) for f, i, x in tracks], 6))
     assert renamed == counts
     figures = hota.hota(hota.hota_counts(pairs)).as_dict()
     assert all(0.0 <= value <= 1.0 + 1e-12 for value in figures.values())

@@ -11,7 +11,7 @@ from mottrack.geometry.polygon import intersection_area
 
 def random_boxes(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     boxes = np.empty((count, 7))
-    boxes[:, :2] = rng.uniform(-6, 6, (count, 2)) + [1200.0, -3400.0]
+    boxes[:, :2] = rng.uniform(-6, 6, (count, 2)) + np.array([1200.0, -3400.0])
     boxes[:, 2] = rng.uniform(-1, 1, count)
     boxes[:, 3:6] = rng.uniform(0.3, 5, (count, 3))
     boxes[:, 6] = rng.uniform(-4, 4, count)
@@ -48,7 +48,7 @@ def test_a_box_overlaps_itself_wholly_and_far_boxes_not_at_all() -> None:
     boxes = random_boxes(np.random.default_rng(1), 200)
     for measure in (iou.bev_iou, iou.iou_3d, iou.giou_bev, iou.giou_3d):
         np.testing.assert_allclose(np.diag(measure(boxes, boxes)), 1.0, atol=1e-12)
-    away = boxes + [100.0, 0, 0, 0, 0, 0, 0]
+    away = boxes + np.array([100.0, 0, 0, 0, 0, 0, 0])
     assert not iou.bev_iou(boxes, away).any()
     assert (iou.giou_3d(boxes, away) < -0.5).all()
 
@@ -56,7 +56,7 @@ def test_a_box_overlaps_itself_wholly_and_far_boxes_not_at_all() -> None:
 def test_half_turn_changes_nothing_and_order_is_symmetric() -> None:
     rng = np.random.default_rng(2)
     a, b = random_boxes(rng, 30), random_boxes(rng, 30)
-    turned = a + [0, 0, 0, 0, 0, 0, np.pi]
+    turned = a + np.array([0, 0, 0, 0, 0, 0, np.pi])
     np.testing.assert_allclose(iou.iou_3d(turned, b), iou.iou_3d(a, b), atol=1e-12)
     np.testing.assert_allclose(iou.giou_3d(a, b), iou.giou_3d(b, a).T, atol=1e-12)
 
