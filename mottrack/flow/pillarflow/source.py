@@ -42,7 +42,7 @@ class PillarFlowConfig(StrictModel):
     stages: StagesConfig = Field(default_factory=StagesConfig)
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
     max_gap_s: float = Field(0.5, gt=0, description="over a longer gap nothing is measured")
-    max_sigma_mps: float = Field(5.0, gt=0, description="a less certain cell is not valid")
+    max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
 
 
 class BinaryOgmConfig(PillarFlowConfig):
