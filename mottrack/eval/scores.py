@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core import SceneResult
+from mottrack.core import InputError, SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
@@ -110,6 +110,18 @@ class Scores:
         return plain
 
 
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Which boxes of one class count."""
+
+    label: str
+    """The class; empty: every class."""
+    threshold: float = -np.inf
+    """Least mean score of a track."""
+    range_m: float = np.inf
+    """Boxes at least this far from the vehicle are left out, as the official rules do."""
+
+
 def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> Scores:
     """Scores of the scenes together.
 
@@ -121,12 +133,16 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
     labels = _labels(results)
     told_apart = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
     if config.class_agnostic or not told_apart:
-        return _scores(results, _class_scores(results, "", -np.inf, config), {}, config)
-    figures = result_metrics(results, rules_for(labels))
+        return _scores(results, _class_scores(results, Cut(""), config), {}, config)
+    rules = rules_for(labels)
+    try:
+        figures = result_metrics(results, rules)
+    except InputError:  # nothing in range on one side: counts are all there is to say
+        return _scores(results, _class_scores(results, Cut(""), config), {}, config)
     classes = {}
-    for label in labels:
-        threshold = _threshold(figures.curves[label], config)
-        counted = _class_scores(results, label, threshold, config)
+    for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
+        cut = Cut(label, _threshold(figures.curves[label], config), range_m)
+        counted = _class_scores(results, cut, config)
         official = figures.classes[label]
         classes[label] = replace(counted, amota=official["amota"], amotp_m=official["amotp"])
     total = replace(
@@ -163,23 +179,23 @@ def _threshold(curves: Curves, config: ScoreConfig) -> float:
     if config.min_score is not None:
         return config.min_score
     if np.isnan(curves["mota"]).all() or np.isnan(curves["confidence"]).all():
-        return -np.inf
+        return np.inf  # nothing of this class is ever matched: no track at all scores best
     reached = np.where(np.isnan(curves["confidence"]), -np.inf, curves["mota"])
     return float(curves["confidence"][int(np.nanargmax(reached))])
 
 
-def _class_scores(
-    results: Iterable[SceneResult], label: str, threshold: float, config: ScoreConfig
-) -> ClassScores:
-    parts = [_scene_scores(scene_pairs(r, label, threshold, config), config) for r in results]
+def _class_scores(results: Iterable[SceneResult], cut: Cut, config: ScoreConfig) -> ClassScores:
+    parts = [_scene_scores(scene_pairs(r, cut, config), config) for r in results]
     return _together(parts)
 
 
-def scene_pairs(result: SceneResult, label: str, threshold: float, config: ScoreConfig) -> Pairs:
+def scene_pairs(result: SceneResult, cut: Cut, config: ScoreConfig) -> Pairs:
     """Candidate pairs of a scene for one class; every class where the label is empty."""
-    truth = _rows(result.truth.select(_seen(result.truth)), label)
-    tracks = _rows(result.tracks, label)
-    tracks = tracks.select(_track_means(tracks) >= threshold - ROUNDING)
+    truth = _rows(result.truth.select(_seen(result.truth)), cut.label)
+    tracks = _rows(result.tracks, cut.label)
+    truth = truth.select(_near(result, truth, cut.range_m))
+    tracks = tracks.select(_near(result, tracks, cut.range_m))
+    tracks = tracks.select(_track_means(tracks) >= cut.threshold - ROUNDING)
     return find_pairs(
         Side(truth.frame, truth.id),
         Side(tracks.frame, tracks.id),
@@ -195,6 +211,12 @@ def _measure(
         return centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m)
     boxes = [boxes7(side.centre_m, side.size_m, side.yaw_rad) for side in (truth, tracks)]
     return overlap(iou_3d, boxes[0], boxes[1])
+
+
+def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -> NDArray[np.bool_]:
+    ego_xy_m = result.frames.world_T_ego[table.frame, :2, 3]
+    near: NDArray[np.bool_] = np.hypot(*(table.centre_m[:, :2] - ego_xy_m).T) < range_m
+    return near
 
 
 def _seen(truth: TruthTable) -> NDArray[np.bool_]:

@@ -33,9 +33,9 @@ def draw_bev(axes: Axes, result: SceneResult, snapshot: Snapshot, *, reach_m: fl
     draw_points(axes, snapshot.xyz_m)
     draw_flow(axes, snapshot)
     truth = result.truth.select(result.truth.frame == snapshot.frame)
-    draw_boxes(axes, truth, ego_T_world, TRUTH_COLOUR, linewidth=2.2)
+    draw_boxes(axes, truth, ego_T_world, TRUTH_COLOUR, linewidth=1.6)
     tracks = result.tracks.select(result.tracks.frame == snapshot.frame)
-    draw_boxes(axes, tracks, ego_T_world, TRACK_COLOUR, linewidth=1.1)
+    draw_boxes(axes, tracks, ego_T_world, TRACK_COLOUR, linewidth=0.8)
     draw_velocities(axes, tracks, ego_T_world)
     frame_axes(axes, reach_m)
 
