@@ -16,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numba
 import numpy as np
 import onnxruntime
 import torch
@@ -29,6 +28,7 @@ from mottrack.flow.pillarflow.inference.engine import CpuEngine
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.presets import preset
 from mottrack.flow.pillarflow.raster import network_cells
+from mottrack.flow.pillarflow.threads import use_threads
 from mottrack.flow.pillarflow.weights_file import Weights
 
 
@@ -79,8 +79,7 @@ def onnx_task(
 
 
 def measure(name: str, threads: int, points: int, runs: int) -> dict[str, object]:
-    torch.set_num_threads(threads)
-    numba.set_num_threads(threads)
+    use_threads(threads)
     torch.manual_seed(0)
     weights = Weights(PillarFlowNet(preset(name)).eval(), 1.0, True)
     engine, shape = CpuEngine(weights), weights.network.config

@@ -139,6 +139,7 @@ def _engine(weights: object, config: PillarFlowConfig) -> Engine:
 
     from mottrack.flow.pillarflow.inference.cuda import CudaEngine
     from mottrack.flow.pillarflow.inference.engine import CpuEngine, has_bf16_units
+    from mottrack.flow.pillarflow.threads import use_threads
     from mottrack.flow.pillarflow.weights_file import Weights
 
     if not isinstance(weights, Weights):
@@ -146,8 +147,7 @@ def _engine(weights: object, config: PillarFlowConfig) -> Engine:
     available = torch.cuda.is_available()
     if config.device == "cuda" and not available:
         raise ConfigError("flow.device is cuda, expected cpu or auto: no GPU is available")
-    if config.threads:
-        torch.set_num_threads(config.threads)
+    use_threads(config.threads)
     if available and config.device != "cpu":
         return CudaEngine(weights)
     half = config.precision == "bf16" or (config.precision == "auto" and has_bf16_units())

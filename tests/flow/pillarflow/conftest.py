@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-import torch
 
+from mottrack.flow.pillarflow.threads import use_threads
 from mottrack.flow.pillarflow.training.example import Example
 
 SIDE = 200
@@ -52,4 +52,4 @@ def box_example() -> Callable[..., Example]:
 
 @pytest.fixture(autouse=True)
 def _one_thread() -> None:
-    torch.set_num_threads(1)
+    use_threads(1)

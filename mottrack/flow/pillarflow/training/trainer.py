@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numba
 import torch
 from torch import nn
 from torch.nn.parallel import DistributedDataParallel
@@ -15,6 +14,7 @@ from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.flow.pillarflow.layers import channels_last
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.presets import preset
+from mottrack.flow.pillarflow.threads import use_threads
 from mottrack.flow.pillarflow.training.average import WeightAverage
 from mottrack.flow.pillarflow.training.batches import Batch, Sampler, stream
 from mottrack.flow.pillarflow.training.checkpoint import (
@@ -39,9 +39,7 @@ class Trainer:
     def __init__(self, config: TrainConfig, place: Place, out: Path) -> None:
         """Build the network from the seed; resume if `out` holds a checkpoint."""
         self.config, self.place, self.file = config, place, out / "checkpoint.safetensors"
-        if config.threads:
-            torch.set_num_threads(config.threads)
-            numba.set_num_threads(config.threads)
+        use_threads(config.threads)
         torch.manual_seed(config.seed)
         network = PillarFlowNet(preset(config.network)).to(place.device)
         self.network = channels_last(network)
