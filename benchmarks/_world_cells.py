@@ -13,7 +13,12 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.tables import FlowSamples
-from mottrack.datasets.synthetic import PointTruth, SyntheticConfig, SyntheticDataset
+from mottrack.datasets.synthetic import (
+    PointTruth,
+    SyntheticConfig,
+    SyntheticDataset,
+    SyntheticScene,
+)
 from mottrack.flow.kept_points import GroundStage, keep_points
 
 SEED = 770_001
@@ -61,11 +66,15 @@ def held_out_pairs(count: int, grid: BevGrid) -> Iterator[HeldOut]:
     config = SyntheticConfig(scenes=count, seed=SEED, duration_s=1.0, sensor="random")
     dataset = SyntheticDataset(config)
     for name in dataset.scene_names:
-        scene = dataset.scene(name)
-        truths = scene.sweep_truth(INDEX - 1), scene.sweep_truth(INDEX)
-        sweeps = scene.sweep(INDEX - 1), scene.sweep(INDEX)
-        frames = scene.frame(INDEX - 1), scene.frame(INDEX)
-        yield _held_out(frames, sweeps, truths, grid)
+        yield held_out_pair(dataset.scene(name), INDEX, grid)
+
+
+def held_out_pair(scene: SyntheticScene, index: int, grid: BevGrid) -> HeldOut:
+    """The sweep at `index` of a scene and the one before it."""
+    truths = scene.sweep_truth(index - 1), scene.sweep_truth(index)
+    sweeps = scene.sweep(index - 1), scene.sweep(index)
+    frames = scene.frame(index - 1), scene.frame(index)
+    return _held_out(frames, sweeps, truths, grid)
 
 
 def _held_out(
