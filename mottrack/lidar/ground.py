@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.timing import part_of_stage
 
 _LOWEST = 4
 """Low points kept per cell, for the 5 % quantile of up to 60 points."""
@@ -53,6 +54,7 @@ class Ground:
     """(3,) z = plane[0] * x + plane[1] * y + plane[2], ego frame."""
 
 
+@part_of_stage("ground")
 def find_ground(xyz_m: NDArray[np.float32], config: GroundConfig | None = None) -> Ground:
     """Ground of a sweep (N, 3) in the ego frame; with fewer than three low cells, the lowest point.
 

@@ -17,6 +17,7 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
 from mottrack.core.sweep import Sweep
+from mottrack.core.timing import part_of_stage
 from mottrack.lidar.terrain_fit import above, envelope, interpolated, lowest, pits, planes, remember
 
 F64 = NDArray[np.float64]
@@ -52,6 +53,7 @@ class Terrain:
         self._corner = np.zeros(2, np.int64)
         self._surface_m: F64 | None = None
 
+    @part_of_stage("ground")
     def update(self, sweep: Sweep) -> None:
         """Takes in one sweep; its pose must be in the same world frame as those before."""
         pose = sweep.world_T_ego

@@ -9,20 +9,30 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.timing import heard_by
+
 
 class Stopwatch:
-    """Adds up, per key frame, the wall time of named stages."""
+    """Adds up the wall time of named stages: per key frame, and per lap."""
 
     def __init__(self) -> None:
         self._frames: list[dict[str, float]] = [{}]
+        self._lap: dict[str, float] = {}
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        """Times a ``with`` block as part of ``stage``."""
+        """Times a ``with`` block as ``stage``, and its parts as ``stage.part``."""
         start = time.perf_counter()
-        yield
-        frame = self._frames[-1]
-        frame[stage] = frame.get(stage, 0.0) + time.perf_counter() - start
+        with heard_by(lambda part, seconds: _add(self._lap, f"{stage}.{part}", seconds)):
+            yield
+        seconds = time.perf_counter() - start
+        _add(self._frames[-1], stage, seconds)
+        _add(self._lap, stage, seconds)
+
+    def lap(self) -> dict[str, float]:
+        """Seconds by stage, and by part of a stage, since the last lap; a new one begins."""
+        lap, self._lap = self._lap, {}
+        return lap
 
     def next_frame(self) -> None:
         """What follows belongs to the next key frame."""
@@ -33,3 +43,7 @@ class Stopwatch:
         frames = self._frames[:-1]
         stages = dict.fromkeys(stage for frame in frames for stage in frame)
         return {s: np.array([frame.get(s, 0.0) for frame in frames]) for s in stages}
+
+
+def _add(totals: dict[str, float], name: str, seconds: float) -> None:
+    totals[name] = totals.get(name, 0.0) + seconds

@@ -1,0 +1,75 @@
+"""Plain arrays become a sweep and detections, for users who have none of our types."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mottrack.core.errors import InputError, unknown_name
+from mottrack.core.objects import Objects
+from mottrack.core.pose import Pose
+from mottrack.core.sweep import Sweep
+
+Detections = Objects | Mapping[str, ArrayLike]
+NEEDED = ("frame", "centre_m", "size_m", "yaw_rad", "label", "score")
+KNOWN = tuple(f.name for f in fields(Objects) if f.name != "stamp_ns")
+
+
+def pose_of(world_T_ego: Pose | ArrayLike) -> Pose:
+    """A pose from itself or from a (4, 4) or (3, 4) matrix."""
+    return world_T_ego if isinstance(world_T_ego, Pose) else Pose.from_matrix(world_T_ego)
+
+
+def sweep_of(
+    points: ArrayLike, stamp_ns: int, world_T_ego: Pose, origin_m: ArrayLike = (0.0, 0.0, 0.0)
+) -> Sweep:
+    """A sweep from (N, 3) x, y, z or (N, 4) x, y, z, reflectance, ego frame, metres.
+
+    Raises:
+        InputError: the shape is another, a number is not finite, reflectance outside [0, 1].
+    """
+    array = np.asarray(points, dtype=np.float32)
+    if array.ndim != 2 or array.shape[1] not in (3, 4):
+        raise InputError("shape of points", array.shape, "(N, 3) or (N, 4)")
+    return Sweep(
+        xyz_m=np.ascontiguousarray(array[:, :3]),
+        reflectance=_reflectance(array),
+        stamp_ns=stamp_ns,
+        world_T_ego=world_T_ego,
+        origin_m=np.asarray(origin_m, dtype=np.float64),
+    )
+
+
+def _reflectance(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    known = points.shape[1] == 4
+    return np.ascontiguousarray(points[:, 3]) if known else np.zeros(len(points), np.float32)
+
+
+def detections_of(detections: Detections, stamp_ns: int, world_T_ego: Pose) -> Objects:
+    """Detections in the world frame, from ours or from arrays by the names of `Objects`.
+
+    ``frame`` says "ego" or "world" and has no default: frames are mixed up too easily.
+
+    Raises:
+        InputError: an array is missing or misshapen, or the stamp is another.
+        ConfigError: a name is unknown.
+    """
+    objects = detections if isinstance(detections, Objects) else _objects(detections, stamp_ns)
+    if objects.stamp_ns != stamp_ns:
+        raise InputError(
+            "stamp_ns of detections", objects.stamp_ns, f"that of the step, {stamp_ns}"
+        )
+    return objects if objects.frame == "world" else objects.transformed(world_T_ego, "world")
+
+
+def _objects(arrays: Mapping[str, ArrayLike], stamp_ns: int) -> Objects:
+    for name in arrays:
+        if name not in KNOWN:
+            raise unknown_name("array of detections", name, KNOWN)
+    missing = [name for name in NEEDED if name not in arrays]
+    if missing:
+        raise InputError("detections", f"without {', '.join(missing)}", ", ".join(NEEDED))
+    return Objects(stamp_ns=stamp_ns, **dict(arrays))  # type: ignore[arg-type]
