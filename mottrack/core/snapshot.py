@@ -1,10 +1,25 @@
-"""Points and flow of a few frames, kept for pictures."""
+"""Points, flow and objects of the key frames of a scene, kept for pictures and viewers.
+
+A file of snapshots is an ``npz`` with a checksum (``core.storage``). Its arrays hold the key frames
+one after the other; nobody but ``save_snapshots`` and ``load_snapshots`` need know them:
+
+    format     version of this layout
+    frame      (T,) row of the scene's FrameTable
+    grid       (T, 5) x_min_m, x_max_m, y_min_m, y_max_m, cell_m
+    counts     (T, 3) how many points, cells and objects each key frame has
+    xyz_cm     (points, 3) int16, ego frame
+    cells      (cells, 2) uint16, row and column in the grid
+    flow_cmps  (cells, 2) int16, ego axes
+    valid      (cells,) whether the source measured the cell
+    objects.*  (objects, ...) a column of ObjectTable each, in float32, world frame
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +27,56 @@ from numpy.typing import NDArray
 from mottrack.core.errors import ResultError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
+from mottrack.core.objects import Objects
 from mottrack.core.storage import read_arrays, write_arrays
-from mottrack.core.sweep import Sweep
+from mottrack.core.tables import Columns, Table
 
-COLUMNS = ("frame", "xyz_m", "grid", "cells", "velocity_mps", "valid")
+FORMAT = "mottrack snapshots 2"
+STEP = 0.01
+"""Positions are stored in centimetres, velocities in centimetres a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectTable(Table):
+    """What a tracker was given at one key frame, world frame."""
+
+    COLUMNS: ClassVar[Columns] = {
+        "label": (np.str_, ()),
+        "centre_m": (np.float64, (3,)),
+        "size_m": (np.float64, (3,)),
+        "yaw_rad": (np.float64, ()),
+        "score": (np.float64, ()),
+        "velocity_mps": (np.float64, (2,)),
+    }
+    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
+
+    label: NDArray[np.str_]
+    centre_m: NDArray[np.float64]
+    size_m: NDArray[np.float64]
+    yaw_rad: NDArray[np.float64]
+    score: NDArray[np.float64]
+    velocity_mps: NDArray[np.float64]
+    """(D, 2) measured velocity over the ground; NaN where none was measured."""
+
+    @classmethod
+    def of(cls, objects: Objects) -> ObjectTable:
+        """The table of these objects, which lie in the world frame."""
+        velocity_mps = np.full((len(objects), 2), np.nan)
+        if objects.velocity is not None:
+            measured = objects.velocity.valid
+            velocity_mps[measured] = objects.velocity.mean_mps[measured]
+        boxes = {name: getattr(objects, name) for name in cls.COLUMNS if name != "velocity_mps"}
+        return cls(**boxes, velocity_mps=velocity_mps)
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What one key frame looked like, in its ego frame."""
+    """What one key frame looked like; points and flow in its ego frame, objects in the world."""
 
     frame: int
     """Row of the scene's FrameTable."""
     xyz_m: NDArray[np.float32]
-    """(N, 3) points of the sweep."""
+    """(N, 3) points of the sweep, thinned; none where no part looked at sweeps."""
     grid: BevGrid
     cells: NDArray[np.int64]
     """(K, 2) row and column of the occupied cells."""
@@ -33,20 +84,32 @@ class Snapshot:
     """(K, 2) their estimated velocity, ego axes."""
     valid: NDArray[np.bool_]
     """(K,) whether the source measured it."""
+    objects: ObjectTable
+    """What the tracker was given."""
 
     @classmethod
-    def of(cls, frame: int, sweep: Sweep, field: FlowField | None) -> Snapshot:
-        """Takes a frame's points and, where there is a field, its occupied cells."""
-        if field is None:
-            field = FlowField.empty(BevGrid(), sweep.stamp_ns)
-        rows, columns = np.nonzero(field.occupied)
+    def of(
+        cls,
+        frame: int,
+        xyz_m: NDArray[np.float32],
+        field: FlowField | None,
+        objects: Objects | None,
+    ) -> Snapshot:
+        """Keeps these points, the occupied cells of a field and the objects (world frame)."""
+        grid = BevGrid() if field is None else field.grid
+        occupied = np.zeros(grid.shape, np.bool_) if field is None else field.occupied
+        cells = np.argwhere(occupied)
+        nothing = np.zeros(0, np.bool_)
         return cls(
             frame=frame,
-            xyz_m=sweep.xyz_m,
-            grid=field.grid,
-            cells=np.column_stack([rows, columns]),
-            velocity_mps=field.velocity_mps[rows, columns],
-            valid=field.valid[rows, columns],
+            xyz_m=xyz_m,
+            grid=grid,
+            cells=cells,
+            velocity_mps=np.zeros((0, 2), np.float32)
+            if field is None
+            else field.velocity_mps[occupied],
+            valid=nothing if field is None else field.valid[occupied],
+            objects=ObjectTable.empty() if objects is None else ObjectTable.of(objects),
         )
 
     @property
@@ -56,31 +119,65 @@ class Snapshot:
         return centres
 
 
-def save_snapshots(path: Path, snapshots: list[Snapshot]) -> None:
-    """Stores snapshots of one scene, replaced at once or not at all."""
-    arrays = {"count": np.array(len(snapshots))}
-    for index, s in enumerate(snapshots):
-        grid = (s.grid.x_min_m, s.grid.x_max_m, s.grid.y_min_m, s.grid.y_max_m, s.grid.cell_m)
-        values = (s.frame, s.xyz_m, grid, s.cells, s.velocity_mps, s.valid)
-        for name, value in zip(COLUMNS, values, strict=True):
-            arrays[f"{index}.{name}"] = np.asarray(value)
+def save_snapshots(path: Path, snapshots: Sequence[Snapshot]) -> None:
+    """Stores snapshots of one scene, at least one, replaced at once or not at all."""
+    grids = [s.grid for s in snapshots]
+    objects = ObjectTable.stacked([s.objects for s in snapshots])
+    arrays: dict[str, NDArray[Any]] = {
+        "format": np.array(FORMAT),
+        "frame": np.array([s.frame for s in snapshots]),
+        "grid": np.array([(g.x_min_m, g.x_max_m, g.y_min_m, g.y_max_m, g.cell_m) for g in grids]),
+        "counts": np.array([(len(s.xyz_m), len(s.cells), len(s.objects)) for s in snapshots]),
+        "xyz_cm": _steps(np.concatenate([s.xyz_m for s in snapshots])),
+        "cells": np.concatenate([s.cells for s in snapshots]).astype(np.uint16),
+        "flow_cmps": _steps(np.concatenate([s.velocity_mps for s in snapshots])),
+        "valid": np.concatenate([s.valid for s in snapshots]),
+    }
+    for name in ObjectTable.COLUMNS:
+        column = getattr(objects, name)
+        is_text = column.dtype.kind == "U"
+        arrays[f"objects.{name}"] = column if is_text else column.astype(np.float32)
     write_arrays(path, arrays)
 
 
 def load_snapshots(path: Path) -> list[Snapshot]:
-    """Reads what ``save_snapshots`` wrote.
+    """Reads what ``save_snapshots`` wrote, in order of time.
 
     Raises:
-        ResultError: the file is missing or damaged.
+        ResultError: the file is missing, damaged, or of another version.
     """
     arrays = read_arrays(path)
+    if str(arrays.get("format")) != FORMAT:
+        raise ResultError(path, "format", arrays.get("format"), FORMAT)
     try:
-        return [_snapshot(arrays, index) for index in range(int(arrays["count"]))]
+        return _snapshots(arrays)
     except KeyError as error:
         raise ResultError(path, "content", f"without {error}", "every column") from error
 
 
-def _snapshot(arrays: dict[str, NDArray[Any]], index: int) -> Snapshot:
-    frame, xyz_m, grid, cells, velocity_mps, valid = (arrays[f"{index}.{c}"] for c in COLUMNS)
-    extent = BevGrid(*(float(x) for x in grid))
-    return Snapshot(int(frame), xyz_m, extent, cells, velocity_mps, valid)
+def _snapshots(arrays: dict[str, NDArray[Any]]) -> list[Snapshot]:
+    ends = np.cumsum(arrays["counts"], axis=0)[:-1].T
+    points = np.split(STEP * arrays["xyz_cm"].astype(np.float32), ends[0])
+    cells = np.split(arrays["cells"].astype(np.int64), ends[1])
+    flow = np.split(STEP * arrays["flow_cmps"].astype(np.float32), ends[1])
+    valid = np.split(arrays["valid"], ends[1])
+    columns = {n: np.split(arrays[f"objects.{n}"], ends[2]) for n in ObjectTable.COLUMNS}
+    return [
+        Snapshot(
+            frame=int(arrays["frame"][t]),
+            xyz_m=points[t],
+            grid=BevGrid(*(float(x) for x in arrays["grid"][t])),
+            cells=cells[t],
+            velocity_mps=flow[t],
+            valid=valid[t],
+            objects=ObjectTable(**{name: column[t] for name, column in columns.items()}),
+        )
+        for t in range(len(arrays["frame"]))
+    ]
+
+
+def _steps(values: NDArray[np.floating[Any]]) -> NDArray[np.int16]:
+    """In whole steps; what does not fit in 16 bits (327 m, 327 m/s) is cut off there."""
+    limit = np.iinfo(np.int16).max
+    steps: NDArray[np.int16] = np.clip(np.rint(values / STEP), -limit, limit).astype(np.int16)
+    return steps

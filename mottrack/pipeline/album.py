@@ -1,31 +1,79 @@
-"""Chooses the frames of a scene that are kept for pictures."""
+"""Keeps the key frames of a scene for pictures, thinned to what a picture can show."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from mottrack.config import StrictModel
 from mottrack.core.motion import FlowField
+from mottrack.core.objects import Objects
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import Sweep
+
+VOXEL_M = (0.25, 0.25, 0.5)
+OCCUPIED_SHARE = 0.7
+"""Share of the points that is meant for what stands on the ground."""
+
+
+class SnapshotConfig(StrictModel):
+    """What is kept of a run to be looked at: in the report, by a viewer, as a film."""
+
+    scenes: int = Field(
+        default=6, ge=0, description="the first so many scenes keep all their key frames"
+    )
+    points: int = Field(default=4000, ge=0, description="points of a sweep that are kept")
 
 
 @dataclass
 class Album:
-    """Takes the first key frame at or after each of a few moments, evenly spread over a scene."""
+    """Takes every key frame of a scene."""
 
-    moments: list[int]
-    """Frame indices that are still to be taken, the next one last."""
+    points: int
+    """How many points a key frame keeps at most."""
     snapshots: list[Snapshot] = field(default_factory=list)
 
-    @classmethod
-    def of(cls, count: int, frames: int) -> Album:
-        """An album of ``count`` pictures of a scene of so many frames; one is its middle."""
-        return cls([round(frames * (k + 0.5) / count) for k in reversed(range(count))])
+    def take(
+        self, row: int, sweep: Sweep | None, field: FlowField | None, objects: Objects | None
+    ) -> None:
+        """Keeps a key frame, row ``row`` of the FrameTable."""
+        xyz_m = np.zeros((0, 3), np.float32) if sweep is None else sweep.xyz_m
+        thin_m = thinned(xyz_m, field, self.points)
+        self.snapshots.append(Snapshot.of(row, thin_m, field, objects))
 
-    def take(self, index: int, row: int, sweep: Sweep | None, field: FlowField | None) -> None:
-        """Keeps the key frame at ``index``, row ``row`` of the FrameTable, if its turn has come."""
-        if sweep is None or not self.moments or index < self.moments[-1]:
-            return
-        while self.moments and index >= self.moments[-1]:
-            self.moments.pop()
-        self.snapshots.append(Snapshot.of(row, sweep, field))
+
+class ClosedAlbum(Album):
+    """Takes nothing: of this scene no pictures are wanted."""
+
+    def take(
+        self, row: int, sweep: Sweep | None, field: FlowField | None, objects: Objects | None
+    ) -> None:
+        """Lets the key frame go."""
+
+
+def thinned(xyz_m: NDArray[np.float32], field: FlowField | None, limit: int) -> NDArray[np.float32]:
+    """At most ``limit`` of the points (N, 3), the same ones for the same sweep.
+
+    One point of a voxel stays; of those, so many as are wanted in equal steps through space. Most
+    are taken from occupied cells, so that the road does not hide what stands on it.
+    """
+    _, first = np.unique(np.floor(xyz_m / VOXEL_M).astype(np.int32), axis=0, return_index=True)
+    standing = np.zeros(len(first), np.bool_)
+    if field is not None:
+        row, column, inside = field.grid.cells(xyz_m[first])
+        standing = inside & field.occupied[row, column]
+    tall, flat = first[standing], first[~standing]
+    share = max(round(OCCUPIED_SHARE * limit), limit - len(flat))
+    tall = _every_few(tall, share)
+    kept = np.sort(np.concatenate([tall, _every_few(flat, limit - len(tall))]))
+    points: NDArray[np.float32] = xyz_m[kept]
+    return points
+
+
+def _every_few(index: NDArray[np.intp], limit: int) -> NDArray[np.intp]:
+    if len(index) <= limit:
+        return index
+    return index[np.linspace(0, len(index) - 1, limit).round().astype(np.intp)]

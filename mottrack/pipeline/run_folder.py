@@ -43,7 +43,7 @@ class RunFolder:
         return self.path / "scenes" / f"{_file_name(scene)}.timings.json"
 
     def snapshots_file(self, scene: str) -> Path:
-        """Points and flow of a few frames, for pictures."""
+        """Points, flow and objects of its key frames, if kept: core.snapshot."""
         return self.path / "scenes" / f"{_file_name(scene)}.snapshots.npz"
 
     def claim(self, experiment: Experiment) -> None:

@@ -70,5 +70,12 @@ def scene_names(experiment: Experiment) -> tuple[str, ...]:
 
 def scene_task(task: Task, on_frame: Callable[[int, int], None]) -> None:
     """Runs one scene and stores its result: what a worker does."""
-    scene = task.experiment.dataset.make().scene(task.scene)
-    RunFolder(task.folder).store(run_scene(task.experiment, scene, on_frame))
+    experiment = task.experiment
+    dataset = experiment.dataset.make()
+    drawn = (experiment.settings.scenes or dataset.scene_names)[
+        : experiment.settings.snapshots.scenes
+    ]
+    run = run_scene(
+        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in drawn
+    )
+    RunFolder(task.folder).store(run)

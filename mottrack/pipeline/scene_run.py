@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import OfflineTracker, Scene
+from mottrack.core.interfaces import GroundMap, Scene
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
-from mottrack.pipeline.album import Album
+from mottrack.pipeline.album import Album, ClosedAlbum
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.flow_judge import FlowJudge
 from mottrack.pipeline.stream import Pipeline
@@ -30,7 +30,11 @@ class SceneRun:
 
 
 def run_scene(
-    experiment: Experiment, scene: Scene, on_frame: OnFrame = lambda done, total: None
+    experiment: Experiment,
+    scene: Scene,
+    on_frame: OnFrame = lambda done, total: None,
+    *,
+    keep_snapshots: bool = True,
 ) -> SceneRun:
     """Runs one scene.
 
@@ -38,13 +42,16 @@ def run_scene(
         experiment: what to run.
         scene: the scene, opened.
         on_frame: is told after each frame how many are done, of how many.
+        keep_snapshots: whether every key frame is kept to be drawn.
 
     Raises:
         MottrackError: the data are damaged, or a part refuses its input.
     """
     pipeline = Pipeline(experiment)
+    if isinstance(scene, GroundMap):
+        pipeline.use_ground(scene)
     judge = FlowJudge.of(experiment.settings, has_sweeps=scene.has_sweeps)
-    album = Album.of(experiment.settings.snapshots, len(scene))
+    album = (Album if keep_snapshots else ClosedAlbum)(experiment.settings.snapshots.points)
     reads_sweeps = judge.enabled or pipeline.needs_sweeps
     frames: list[Frame] = []
     steps: list[Tracks] = []
@@ -56,14 +63,12 @@ def run_scene(
         step = pipeline.step(frame, sweep)
         if step.tracks is not None:
             judge.judge(frame, step, len(frames))
-            album.take(index, len(frames), sweep, step.field)
+            album.take(len(frames), sweep, step.field, step.objects)
             steps.append(step.tracks)
             frames.append(frame)
             pipeline.watch.next_frame()
         on_frame(index + 1, len(scene))
-    if isinstance(pipeline.tracker, OfflineTracker):
-        steps = pipeline.tracker.finish(steps)
-    result = _result(scene, frames, steps, judge.samples())
+    result = _result(scene, frames, pipeline.finish(steps), judge.samples())
     result = replace(result, timings_s=pipeline.watch.seconds())
     return SceneRun(result, album.snapshots)
 

@@ -8,6 +8,7 @@ from mottrack.config import StrictModel
 from mottrack.core.grid import BevGrid
 from mottrack.eval.scores import ScoreConfig
 from mottrack.objects.velocity import VelocityConfig
+from mottrack.pipeline.album import SnapshotConfig
 
 
 class GridConfig(StrictModel):
@@ -42,6 +43,4 @@ class Settings(StrictModel):
     flow_sample_limit: int = Field(
         default=4000, ge=1, description="cells a frame that are kept for the flow scores"
     )
-    snapshots: int = Field(
-        default=1, ge=0, description="key frames a scene whose points and flow are kept to draw"
-    )
+    snapshots: SnapshotConfig = SnapshotConfig()

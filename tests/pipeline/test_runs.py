@@ -41,7 +41,7 @@ def test_a_users_own_parts_run_from_sweep_to_score() -> None:
     dynamic = flow.dynamic
     np.testing.assert_allclose(flow.truth_mps[dynamic], flow.estimate_mps[dynamic], atol=1e-4)
     assert set(run.result.timings_s) >= {"read", "flow", "velocity", "tracker"}
-    assert [shot.frame for shot in run.snapshots] == [4]
+    assert [shot.frame for shot in run.snapshots] == list(range(8))
 
 
 def test_sweeps_are_not_read_where_nobody_looks_at_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,7 +59,7 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress
         )
     assert files_of(tmp_path / "1") == files_of(tmp_path / "3")
     assert len(files_of(tmp_path / "1")) == 6
-    assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 1
+    assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 8
 
 
 def test_failures_cost_their_own_scene_only_and_a_killed_worker_gets_another_try(
