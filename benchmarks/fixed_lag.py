@@ -234,7 +234,7 @@ def main() -> None:
     long_run = 500 if options.quick else 5000
     engine = GtsamEngine(NOISE, 10**9)
     engine_times(engine, 100, tracks)
-    for slot in list(engine._windows):
+    for slot in engine.live().tolist():
         engine.release(slot)
     engine._last_stamp_ns = None
     before = resident_mb()

@@ -10,67 +10,22 @@ at measurements that turned out to be outliers.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core.errors import InputError
 from mottrack.trackers.fixed_lag.motion import F64, STATE_DIM, MotionNoise, predict
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
-
-Slots = NDArray[np.int64]
-
-
-class Node(NamedTuple):
-    """One state of a window: the batch and the row that hold its measurement."""
-
-    batch: NodeBatch
-    row: int
-    dt_s: float
-    """Time since the previous node of the track; 0 at birth."""
-    weight: F64
-    """(2,) robust weights of the position and the velocity factor."""
-
-    surprise: float
-    """Larger normalised distance of position and velocity from the prediction at arrival."""
-
-    @property
-    def is_birth(self) -> bool:
-        """Whether the track begins here."""
-        return bool(self.batch.birth[self.row])
-
-
-def stacked(nodes: list[Node]) -> NodeBatch:
-    """The measurements of many nodes as one batch, to be whitened together.
-
-    Its slots number the rows and do not name tracks.
-    """
-
-    def rows(name: str) -> F64:
-        return np.array([getattr(node.batch, name)[node.row] for node in nodes])
-
-    return NodeBatch(
-        stamp_ns=nodes[-1].batch.stamp_ns,
-        slot=np.arange(len(nodes)),
-        birth=rows("birth").astype(np.bool_),
-        position_m=rows("position_m"),
-        position_covariance_m2=rows("position_covariance_m2"),
-        velocity_mps=rows("velocity_mps"),
-        velocity_covariance_m2ps2=rows("velocity_covariance_m2ps2"),
-        has_velocity=rows("has_velocity").astype(np.bool_),
-        weight=np.array([node.weight for node in nodes]),
-        innovation=rows("innovation"),
-    )
+from mottrack.trackers.fixed_lag.store import I64, Layout, Mask, NodeStore
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothedWindow:
     """All states of one track's window, given all measurements so far; oldest first."""
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: I64
     """(K,)."""
     mean: F64
     """(K, 6) x, y, vx, vy, ax, ay."""
@@ -87,6 +42,19 @@ class Belief(NamedTuple):
     """(N, 6, 6)."""
 
 
+class Recent(NamedTuple):
+    """The newest nodes of several tracks, right-aligned: the last column is the newest."""
+
+    slots: I64
+    """(N,)."""
+    column: I64
+    """(N, D) where the nodes are stored."""
+    there: Mask
+    """(N, D) false where a window has fewer nodes."""
+    open: Mask
+    """(N, D) nodes whose weights may change: not the oldest of a window that lost older ones."""
+
+
 class FixedLagEngine(ABC):
     """Windows of up to `lag_ns` for any number of tracks, addressed by slot.
 
@@ -94,19 +62,20 @@ class FixedLagEngine(ABC):
     kept relative to each track's first one, so that map coordinates of 4e6 m cost no precision.
     """
 
-    def __init__(self, noise: MotionNoise, lag_ns: int) -> None:
+    def __init__(self, noise: MotionNoise, lag_ns: int, layout: Layout) -> None:
+        """`layout` says what the engine keeps of each node, besides its measurement."""
         if lag_ns < 0:
             raise InputError("lag_ns", lag_ns, "at least 0")
         self.noise = noise
         self.lag_ns = lag_ns
-        self._windows: dict[int, deque[Node]] = {}
+        self._store = NodeStore(layout)
         self._last_stamp_ns: int | None = None
         self._stamp_ns = np.zeros(0, np.int64)
         self._anchor_m = np.zeros((0, 2))
         self._mean = np.zeros((0, STATE_DIM))
         self._covariance = np.zeros((0, STATE_DIM, STATE_DIM))
 
-    def step(self, batch: NodeBatch) -> NDArray[np.bool_]:
+    def step(self, batch: NodeBatch) -> Mask:
         """Adds one node to every track of `batch`; returns (N,) which rows were taken.
 
         A row that cannot be used (not finite, no step in time, not positive definite) is left out
@@ -116,10 +85,11 @@ class FixedLagEngine(ABC):
         """
         if self._last_stamp_ns is not None and batch.stamp_ns <= self._last_stamp_ns:
             raise InputError("stamp_ns", batch.stamp_ns, f"later than {self._last_stamp_ns}")
-        for slot, birth in zip(batch.slot.tolist(), batch.birth.tolist(), strict=True):
-            if (slot in self._windows) == birth:
-                state = "a free slot at a birth" if birth else "the slot of a live track"
-                raise InputError("slot", slot, state)
+        wrong = self._store.live(batch.slot) == batch.birth
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            state = "a free slot at a birth" if batch.birth[first] else "the slot of a live track"
+            raise InputError("slot", int(batch.slot[first]), state)
         self._reserve(batch.slot)
         dt_s = self._since(batch.slot, batch.stamp_ns)
         dt_s[batch.birth] = 0.0
@@ -129,75 +99,101 @@ class FixedLagEngine(ABC):
             taken[taken] = self._append(batch.select(taken), dt_s[taken])
         return taken
 
-    def _append(self, batch: NodeBatch, dt_s: F64) -> NDArray[np.bool_]:
+    def _append(self, batch: NodeBatch, dt_s: F64) -> Mask:
         born = batch.slot[batch.birth]
         self._anchor_m[born] = batch.position_m[batch.birth]
-        advanced = self._advance(batch, dt_s)
-        self._stamp_ns[batch.slot[advanced]] = batch.stamp_ns
-        oldest_ns = batch.stamp_ns - self.lag_ns
-        slots, steps, weights = batch.slot.tolist(), dt_s.tolist(), list(batch.weight)
-        surprise = batch.innovation.max(axis=1, initial=0.0).tolist()
-        for row in np.nonzero(advanced)[0].tolist():
-            slot = slots[row]
-            window = self._windows.setdefault(slot, deque())
-            window.append(Node(batch, row, steps[row], weights[row], surprise[row]))
-            while window[0].batch.stamp_ns < oldest_ns:
-                self._drop_oldest(slot)
-                window.popleft()
+        column = self._store.at(batch.slot, self._store.count[batch.slot])
+        advanced = self._advance(batch, dt_s, column)
+        grown = batch.select(advanced)
+        self._stamp_ns[grown.slot] = batch.stamp_ns
+        self._store.append(grown, dt_s[advanced])
+        self._store.drop_before(grown.slot, batch.stamp_ns - self.lag_ns)
         return advanced
 
-    def newest(self, slots: Slots) -> Belief:
+    def newest(self, slots: I64) -> Belief:
         """State of each track at its own newest node, given all measurements so far."""
         mean = self._mean[slots].copy()
         mean[:, :2] += self._anchor_m[slots]
         return Belief(mean, self._covariance[slots])
 
-    def predicted(self, slots: Slots, stamp_ns: int) -> Belief:
+    def predicted(self, slots: I64, stamp_ns: int) -> Belief:
         """State of each track carried to `stamp_ns`, which is not before its newest node."""
         newest, dt_s = self.newest(slots), self._since(slots, stamp_ns)
         return Belief(*predict(newest.mean, newest.covariance, dt_s, self.noise))
 
-    def window(self, slot: int) -> tuple[Node, ...]:
-        """Nodes of one track's window, oldest first."""
-        return tuple(self._windows[slot])
-
     def release(self, slot: int) -> None:
         """Forgets a track and frees its slot."""
-        del self._windows[slot]
-        self._forget(slot)
+        self._store.clear(slot)
+
+    def live(self) -> I64:
+        """(N,) slots of all tracks, ascending."""
+        return np.flatnonzero(self._store.count)
 
     def smooth(self, slot: int, covariance: bool = False) -> SmoothedWindow:
         """The whole window of one track; with covariances where asked for."""
-        stamps = np.array([node.batch.stamp_ns for node in self._windows[slot]], np.int64)
-        mean, spread = self._smooth(slot, covariance)
+        window = self.recent(np.array([slot]), int(self._store.count[slot]))
+        stamps = self._store["stamp_ns"][slot, window.column[0]]
+        mean = self._smoothed(window)[0]
         mean[:, :2] += self._anchor_m[slot]
+        spread = self._smoothed_covariance(slot, window.column[0]) if covariance else None
         return SmoothedWindow(stamps, mean, spread)
 
-    def reweigh(self, slots: list[int], weights: list[F64]) -> None:
-        """Eliminates whole windows anew with other weights of their measurements.
+    def recent(self, slots: I64, depth: int) -> Recent:
+        """The newest `depth` nodes of live tracks (N,)."""
+        count = self._store.count[slots][:, None]
+        number = count - depth + np.arange(depth)
+        column = self._store.at(slots[:, None], np.maximum(number, 0))
+        there = number >= 0
+        birth = self._store["birth"][slots[:, None], column]
+        return Recent(slots, column, there, there & (birth | (number > 0)))
 
-        `weights[i]` (K, 2) in (0, 1] goes with the K nodes of `slots[i]`. The weights of the oldest
-        node are not read unless it is a birth: its measurements are part of the window's prior.
+    def innovation(self, recent: Recent) -> F64:
+        """(N, D, 2) normalised distances at arrival, of position and velocity; 0 without node."""
+        found = self._store["innovation"][recent.slots[:, None], recent.column]
+        return np.where(recent.there[:, :, None], found, 0.0)
+
+    def weight(self, recent: Recent) -> F64:
+        """(N, D, 2) robust weights."""
+        return np.asarray(self._store["weight"][recent.slots[:, None], recent.column])
+
+    def residuals(self, recent: Recent) -> tuple[NodeBatch, F64]:
+        """Nodes in `recent.there`, row by row, and their smoothed states (n, 6) about the anchors.
+
+        The positions of the nodes are about the anchors as well; their slots are only numbers.
         """
-        for slot, weight in zip(slots, weights, strict=True):
-            window = self._windows[slot]
-            if weight.shape != (len(window), 2):
-                raise InputError("weights", weight.shape, str((len(window), 2)))
-            if not ((weight > 0.0) & (weight <= 1.0)).all():
-                raise InputError("weights", weight.tolist(), "numbers in (0, 1]")
-            for k in range(0 if window[0].is_birth else 1, len(window)):
-                window[k] = window[k]._replace(weight=weight[k])
-        self._resolve(slots)
+        slots = np.repeat(recent.slots, recent.there.sum(axis=1))
+        fields = self._store.fields(slots, recent.column[recent.there])
+        fields["position_m"] = fields["position_m"] - self._anchor_m[slots]
+        batch = NodeBatch(stamp_ns=0, slot=np.arange(len(slots)), **fields)
+        return batch, self._smoothed(recent)[recent.there]
 
-    def _since(self, slots: Slots, stamp_ns: int) -> F64:
+    def reweigh(self, recent: Recent, weight: F64, first: I64) -> None:
+        """Gives nodes new weights (N, D, 2), from column `first` (N,) on, and solves them again.
+
+        What was eliminated before a track's first new weight is not touched by it.
+        """
+        before = self._store.rows(recent.slots)
+        newest = self._mean[recent.slots], self._covariance[recent.slots]
+        sound = np.ones(len(recent.slots), np.bool_)
+        for depth in range(int(first.min(initial=len(recent.column))), recent.column.shape[1]):
+            rows = np.flatnonzero(sound & (first <= depth))
+            slots, column = recent.slots[rows], recent.column[rows, depth]
+            self._store["weight"][slots, column] = weight[rows, depth]
+            batch = NodeBatch(stamp_ns=0, slot=slots, **self._store.fields(slots, column))
+            sound[rows] = self._advance(batch, self._store["dt_s"][slots, column], column)
+        failed = recent.slots[~sound]
+        self._store.restore(failed, {name: rows[~sound] for name, rows in before.items()})
+        self._mean[failed], self._covariance[failed] = newest[0][~sound], newest[1][~sound]
+
+    def _since(self, slots: I64, stamp_ns: int) -> F64:
         """(N,) seconds from the newest node of each track to `stamp_ns`."""
         return np.asarray((stamp_ns - self._stamp_ns[slots]) * 1e-9, np.float64)
 
-    def _reserve(self, slots: Slots) -> None:
-        needed = int(slots.max(initial=-1)) + 1
+    def _reserve(self, slots: I64) -> None:
+        self._store.reserve(slots)
         have = len(self._stamp_ns)
-        if needed > have:
-            extra = max(needed, 2 * have) - have
+        extra = len(self._store.count) - have
+        if extra:
             self._stamp_ns = np.concatenate([self._stamp_ns, np.zeros(extra, np.int64)])
             self._anchor_m = np.concatenate([self._anchor_m, np.zeros((extra, 2))])
             self._mean = np.concatenate([self._mean, np.zeros((extra, STATE_DIM))])
@@ -205,24 +201,17 @@ class FixedLagEngine(ABC):
             self._covariance = np.concatenate([self._covariance, fresh])
 
     @abstractmethod
-    def _advance(self, batch: NodeBatch, dt_s: F64) -> NDArray[np.bool_]:
-        """Eliminates one step of every row's chain; sets means and covariances of the new nodes.
+    def _advance(self, batch: NodeBatch, dt_s: F64, column: I64) -> Mask:
+        """Eliminates one step of every row's chain, up to the node stored in `column` (N,).
 
-        Returns (N,) the rows that could be eliminated; the chains of the others are unchanged.
+        Sets means and covariances of the new nodes. Returns (N,) the rows that could be eliminated;
+        the chains of the others are unchanged.
         """
 
     @abstractmethod
-    def _drop_oldest(self, slot: int) -> None:
-        """Marginalises the oldest state of a window of at least two."""
+    def _smoothed(self, recent: Recent) -> F64:
+        """(N, D, 6) smoothed means about the anchors; anything where there is no node."""
 
     @abstractmethod
-    def _forget(self, slot: int) -> None:
-        """Frees what is kept for the track."""
-
-    @abstractmethod
-    def _smooth(self, slot: int, covariance: bool) -> tuple[F64, F64 | None]:
-        """Mean (K, 6), relative to the anchor, and covariance (K, 6, 6) of a window."""
-
-    @abstractmethod
-    def _resolve(self, slots: list[int]) -> None:
-        """Eliminates whole windows from their nodes, after a change of weights."""
+    def _smoothed_covariance(self, slot: int, column: I64) -> F64:
+        """(K, 6, 6) of a whole window, stored in these columns (K,)."""

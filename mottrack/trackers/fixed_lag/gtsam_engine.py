@@ -1,239 +1,193 @@
 """The engine on GTSAM: one factor graph a frame for all tracks, eliminated with QR.
 
 Per track the graph holds the root of its chain (what is known of the newest state), the motion
-factor to the new state and the factors of the new measurements. Eliminating old before new leaves
-the old state's conditional and the new root. GTSAM's own fixed-lag smoothers do the same work 6 to
-50 times slower when driven from Python, one object or one relinearisation at a time.
+factor to the new state and the factors of the new measurements. Eliminating the old state leaves
+its conditional in the Bayes net and the new root among the remaining factors. GTSAM's own fixed-lag
+smoothers do the same work several times slower when driven from Python, one object or one
+relinearisation at a time.
 """
 
 from __future__ import annotations
 
 import re
-from collections import deque
 from typing import Any
 
 import gtsam
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Node, stacked
+from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
 from mottrack.trackers.fixed_lag.motion import F64, MotionNoise
 from mottrack.trackers.fixed_lag.nodes import NodeBatch, WhitenedRows, whiten
+from mottrack.trackers.fixed_lag.store import I64, Mask
 
 _INDEX_BITS = 24
 _NEAR_VARIABLE = re.compile(r"near variable\s+(\d+)")
+_UNIT = {rows: gtsam.noiseModel.Unit.Create(rows) for rows in (2, 6, 8, 10, 14, 16)}
+"""Unit noise by dimension, made once: without a model, `add` takes twice as long."""
 
 
-class _Chain:
-    """Eliminated states of one track, oldest first."""
-
-    __slots__ = ("conditionals", "count", "roots")
-
-    def __init__(self) -> None:
-        self.conditionals: deque[Any] = deque()
-        """p(x_k | x_k+1) of every state but the newest."""
-        self.roots: deque[Any] = deque()
-        """p(x_k) given measurements up to k; None where a change of weights made it stale."""
-        self.count = 0
-        """States ever made; the newest has the key of `count - 1`."""
+Eliminated = tuple[list[Any], list[Any]]
+"""Conditionals of the old states, and what is known of the new ones; births have no old state."""
 
 
 class GtsamEngine(FixedLagEngine):
     """Fixed-lag smoothing by forward elimination of a chain per track."""
 
     def __init__(self, noise: MotionNoise, lag_ns: int, separate_factors: bool = False) -> None:
-        """With `separate_factors`, motion, position and velocity are three factors (the paper).
+        """With `separate_factors`, root, motion, position and velocity are factors of their own.
 
-        Otherwise one factor stacks their rows, which is the same graph and faster.
+        Otherwise one factor a track stacks their rows, which is the same graph and faster.
         """
-        super().__init__(noise, lag_ns)
-        self._separate = separate_factors
-        self._chains: dict[int, _Chain] = {}
+        layout = {
+            "number": (np.int64, ()),  # counted from the birth; a part of GTSAM's key
+            "root": (np.float64, (6, 7)),  # [R d] of p(x_k), given measurements up to k
+            "conditional": (np.object_, ()),  # p(x_k | x_k+1); stale at the newest node
+        }
+        super().__init__(noise, lag_ns, layout)
+        self._add = _add_apart if separate_factors else _add_stacked
+        self._eliminate = _eliminate_both if separate_factors else _eliminate_old
 
-    def _advance(self, batch: NodeBatch, dt_s: F64) -> NDArray[np.bool_]:
+    def _advance(self, batch: NodeBatch, dt_s: F64, column: I64) -> Mask:
         rows = whiten(batch, self._anchor_m[batch.slot], dt_s, self.noise)
+        previous = self._store.before(column)
+        number = np.where(batch.birth, 0, self._store["number"][batch.slot, previous] + 1)
+        keys = (batch.slot << _INDEX_BITS) + number
         good = np.ones(len(batch), np.bool_)
         while good.any():
-            graph, keys = self._frame_graph(batch, rows, good)
+            graph = self._frame_graph(batch, rows, (keys, previous, good))
             try:
-                net = _eliminate(graph, keys)
+                conditionals, factors = self._eliminate(graph, keys[good], batch.birth[good])
             except RuntimeError as failure:
                 good &= batch.slot != _culprit(failure, batch.slot[good])
                 continue
-            roots = self._roots(batch, good, net)
-            mean, covariance = _moments(np.array([r.augmentedJacobianUnweighted() for r in roots]))
-            sound = _sound(mean, covariance)
+            roots = _roots(factors, keys[good])
+            mean, covariance, sound = _moments(roots)
             if sound.all():
-                self._store(batch, good, net, roots)
-                kept = batch.slot[good]
-                self._mean[kept], self._covariance[kept] = mean, covariance
                 break
             good[good] = sound
+        else:
+            return good
+        slots, old = batch.slot[good], good & ~batch.birth
+        self._store["conditional"][batch.slot[old], previous[old]] = conditionals
+        self._store["root"][slots, column[good]] = roots
+        self._store["number"][slots, column[good]] = number[good]
+        self._mean[slots], self._covariance[slots] = mean, covariance
         return good
 
     def _frame_graph(
-        self, batch: NodeBatch, rows: WhitenedRows, good: NDArray[np.bool_]
-    ) -> tuple[Any, list[int]]:
+        self, batch: NodeBatch, rows: WhitenedRows, chain: tuple[I64, I64, Mask]
+    ) -> Any:
+        """The graph of the rows in a mask, with their new keys and the columns of their roots."""
+        keys, previous, good = chain
+        roots = self._store["root"][batch.slot, previous]
         graph = gtsam.GaussianFactorGraph()
-        keys: list[int] = []
-        births, slots, counts = batch.birth.tolist(), batch.slot.tolist(), rows.count.tolist()
-        for row in np.nonzero(good)[0].tolist():
-            slot = slots[row]
+        births, new, counts = batch.birth.tolist(), keys.tolist(), rows.count.tolist()
+        stacked = _stacked_rows(roots, rows)
+        for row in np.flatnonzero(good).tolist():
+            count, key = counts[row], new[row]
             if births[row]:
-                new = slot << _INDEX_BITS
-                count = counts[row]
-                graph.add(new, rows.current[row, :count], rows.target[row, :count])
+                current, target = rows.current[row, :count], rows.target[row, :count]
+                graph.add(key, current, target, _UNIT[count])
             else:
-                chain = self._chains[slot]
-                new = (slot << _INDEX_BITS) + chain.count
-                graph.push_back(chain.roots[-1])
-                keys.append(new - 1)
-                self._link(graph, new, rows, row)
-            keys.append(new)
-        return graph, keys
+                self._add(graph, key, stacked, (row, count + 6))
+        return graph
 
-    def _link(self, graph: Any, new: int, rows: WhitenedRows, row: int) -> None:
-        """Adds the factors between state `new - 1` and state `new`."""
-        count = rows.count[row]
-        previous, current, target = rows.previous[row], rows.current[row], rows.target[row]
-        if not self._separate:
-            graph.add(new - 1, previous[:count], new, current[:count], target[:count])
-            return
-        graph.add(new - 1, previous[:6], new, current[:6], target[:6])
-        for first in range(6, count, 2):
-            graph.add(new, current[first : first + 2], target[first : first + 2])
+    def _smoothed(self, recent: Recent) -> F64:
+        """By back-substitution through the Bayes net of the conditionals."""
+        net, keys = gtsam.GaussianBayesNet(), []
+        numbers = (recent.slots << _INDEX_BITS)[:, None] + self._store["number"][
+            recent.slots[:, None], recent.column
+        ]
+        roots = self._store["root"][recent.slots, recent.column[:, -1]]
+        for row, slot in enumerate(recent.slots.tolist()):
+            there = recent.there[row]
+            for conditional in self._store["conditional"][slot, recent.column[row, there][:-1]]:
+                net.push_back(conditional)
+            own = numbers[row, there].tolist()
+            net.push_back(gtsam.GaussianConditional(own[-1], roots[row, :, 6], roots[row, :, :6]))
+            keys += own
+        mean = np.zeros((*recent.column.shape, 6))
+        mean[recent.there] = net.optimize().vector(keys).reshape(-1, 6)
+        return mean
 
-    def _roots(self, batch: NodeBatch, good: NDArray[np.bool_], net: Any) -> list[Any]:
-        """New roots in the order of the rows; raises where the net has lost that order."""
-        last = np.cumsum(np.where(batch.birth[good], 1, 2)) - 1
-        roots = [net.at(position) for position in last.tolist()]
-        for slot, root in zip(batch.slot[good].tolist(), roots, strict=True):
-            chain = self._chains.get(slot)
-            if root.firstFrontalKey() != (slot << _INDEX_BITS) + (chain.count if chain else 0):
-                raise RuntimeError(f"elimination order changed near key {root.firstFrontalKey()}")
-        return roots
-
-    def _store(self, batch: NodeBatch, good: NDArray[np.bool_], net: Any, roots: list[Any]) -> None:
-        """Takes the conditionals out of the net, which keeps the order of the tracks."""
-        births, slots = batch.birth[good].tolist(), batch.slot[good].tolist()
-        position = 0
-        for slot, birth, root in zip(slots, births, roots, strict=True):
-            if birth:
-                chain = self._chains[slot] = _Chain()
-            else:
-                chain = self._chains[slot]
-                chain.conditionals.append(net.at(position))
-                position += 1
-            chain.roots.append(root)
-            chain.count += 1
-            position += 1
-
-    def _drop_oldest(self, slot: int) -> None:
-        chain = self._chains[slot]
-        if chain.roots[1] is None:
-            chain.roots[1] = self._advanced_root(slot)
-        chain.conditionals.popleft()
-        chain.roots.popleft()
-
-    def _advanced_root(self, slot: int) -> Any:
-        """Root of the window's second state, from that of its oldest."""
-        chain, window = self._chains[slot], self._windows[slot]
-        first = (slot << _INDEX_BITS) + chain.count - len(chain.roots)
-        graph = gtsam.GaussianFactorGraph()
-        graph.push_back(chain.roots[0])
-        self._link(graph, first + 1, self._whitened([slot], [window[1]]), 0)
-        return _eliminate(graph, [first, first + 1]).at(1)
-
-    def _whitened(self, slots: list[int], nodes: list[Node]) -> WhitenedRows:
-        """Factors of nodes, each with the slot of its track."""
-        dt_s = np.array([node.dt_s for node in nodes])
-        return whiten(stacked(nodes), self._anchor_m[slots], dt_s, self.noise)
-
-    def _forget(self, slot: int) -> None:
-        del self._chains[slot]
-
-    def _smooth(self, slot: int, covariance: bool) -> tuple[F64, F64 | None]:
-        chain = self._chains[slot]
-        net = gtsam.GaussianBayesNet()
-        for conditional in chain.conditionals:
-            net.push_back(conditional)
-        net.push_back(chain.roots[-1])
-        size = len(chain.roots)
-        first = (slot << _INDEX_BITS) + chain.count - size
-        mean = net.optimize().vector(list(range(first, first + size))).reshape(size, 6)
-        return mean, self._smoothed_covariance(slot) if covariance else None
-
-    def _smoothed_covariance(self, slot: int) -> F64:
+    def _smoothed_covariance(self, slot: int, column: I64) -> F64:
         """Back-substitution of `R x_k + S x_k+1 = d`: `P_k = R^-1 R^-T + L P_k+1 L^T`."""
-        conditionals = self._chains[slot].conditionals
-        spread = np.empty((len(conditionals) + 1, 6, 6))
+        spread = np.empty((len(column), 6, 6))
         spread[-1] = self._covariance[slot]
-        for k in range(len(conditionals) - 1, -1, -1):
-            jacobian = conditionals[k].augmentedJacobianUnweighted()
+        for k in range(len(column) - 2, -1, -1):
+            jacobian = self._store["conditional"][slot, column[k]].augmentedJacobianUnweighted()
             inverse = np.linalg.inv(jacobian[:, :6])
             gain = inverse @ jacobian[:, 6:12]
             spread[k] = inverse @ inverse.T + gain @ spread[k + 1] @ gain.T
         return spread
 
-    def _resolve(self, slots: list[int]) -> None:
-        while slots:
-            try:
-                self._solve_windows(slots)
-            except RuntimeError as failure:
-                culprit = _culprit(failure, np.array(slots))
-                slots = [slot for slot in slots if slot != culprit]
-            else:
-                break
 
-    def _solve_windows(self, slots: list[int]) -> None:
-        open_nodes = {slot: self._open_nodes(slot) for slot in slots}
-        slots = [slot for slot in slots if open_nodes[slot]]
-        owners = [slot for slot in slots for _ in open_nodes[slot]]
-        if not owners:
-            return
-        rows = self._whitened(owners, [node for slot in slots for node in open_nodes[slot]])
-        graph, keys = gtsam.GaussianFactorGraph(), []
-        row = 0
-        for slot in slots:
-            chain = self._chains[slot]
-            key = (slot << _INDEX_BITS) + chain.count - len(chain.roots)
-            if len(open_nodes[slot]) == len(chain.roots):
-                chain.roots[0] = self._birth_root(key, rows, row)
-                row += 1
-            graph.push_back(chain.roots[0])
-            keys.append(key)
-            for _ in range(len(chain.roots) - 1):
-                key += 1
-                self._link(graph, key, rows, row)
-                keys.append(key)
-                row += 1
-        self._replace(slots, _eliminate(graph, keys))
+def _stacked_rows(roots: F64, rows: WhitenedRows) -> tuple[F64, F64, F64]:
+    """Rows (N, 16, 6), (N, 16, 6), (N, 16) of old state, new state and target; root first."""
+    nothing = np.zeros_like(roots[:, :, :6])
+    previous = np.concatenate([roots[:, :, :6], rows.previous], axis=1)
+    current = np.concatenate([nothing, rows.current], axis=1)
+    return previous, current, np.concatenate([roots[:, :, 6], rows.target], axis=1)
 
-    def _open_nodes(self, slot: int) -> list[Node]:
-        """Nodes of a window whose weights may change: all but the oldest, or all from a birth."""
-        nodes = list(self._windows[slot])
-        return nodes if nodes[0].is_birth else nodes[1:]
 
-    @staticmethod
-    def _birth_root(key: int, rows: WhitenedRows, row: int) -> Any:
-        graph = gtsam.GaussianFactorGraph()
-        count = rows.count[row]
-        graph.add(key, rows.current[row, :count], rows.target[row, :count])
-        return _eliminate(graph, [key]).at(0)
+def _add_stacked(graph: Any, key: int, rows: tuple[F64, F64, F64], which: tuple[int, int]) -> None:
+    """Adds root, motion and measurements as one factor."""
+    row, count = which
+    previous, current, target = rows
+    old, new = previous[row, :count], current[row, :count]
+    graph.add(key - 1, old, key, new, target[row, :count], _UNIT[count])
 
-    def _replace(self, slots: list[int], net: Any) -> None:
-        """Takes whole windows out of the net of a re-solve."""
-        position = 0
-        for slot in slots:
-            chain = self._chains[slot]
-            size = len(chain.roots)
-            found = [net.at(position + k) for k in range(size)]
-            position += size
-            chain.conditionals = deque(found[:-1])
-            if size > 1:
-                chain.roots = deque([chain.roots[0], *[None] * (size - 2), found[-1]])
-            mean, covariance = _moments(found[-1].augmentedJacobianUnweighted()[None])
-            self._mean[slot], self._covariance[slot] = mean[0], covariance[0]
+
+def _add_apart(graph: Any, key: int, rows: tuple[F64, F64, F64], which: tuple[int, int]) -> None:
+    """Adds root, motion, position and velocity as factors of their own."""
+    row, count = which
+    previous, current, target = (array[row] for array in rows)
+    graph.add(key - 1, previous[:6], target[:6], _UNIT[6])
+    graph.add(key - 1, previous[6:12], key, current[6:12], target[6:12], _UNIT[6])
+    for first in range(12, count, 2):
+        graph.add(key, current[first : first + 2], target[first : first + 2], _UNIT[2])
+
+
+def _eliminate_old(graph: Any, keys: I64, birth: Mask) -> Eliminated:
+    """Eliminates old states alone: what remains of a stacked factor is the new root.
+
+    QR: Cholesky rejects healthy tracks whose motion noise is small.
+    """
+    order = gtsam.Ordering(np.where(birth, keys, keys - 1).tolist())
+    net, rest = graph.eliminatePartialSequential(order, gtsam.EliminateQR)
+    survivors = iter(range(rest.size()))
+    births = birth.tolist()
+    roots = [net.at(k) if born else rest.at(next(survivors)) for k, born in enumerate(births)]
+    return [net.at(k) for k, born in enumerate(births) if not born], roots
+
+
+def _eliminate_both(graph: Any, keys: I64, birth: Mask) -> Eliminated:
+    """Eliminates old and new states, which joins the factors of a new state as well."""
+    new = keys.tolist()
+    pairs = [[key] if born else [key - 1, key] for key, born in zip(new, birth, strict=True)]
+    order = gtsam.Ordering([key for pair in pairs for key in pair])
+    net = graph.eliminateSequential(order, gtsam.EliminateQR)
+    last = np.cumsum(np.where(birth, 1, 2)) - 1
+    conditionals = [net.at(position - 1) for position in last[~birth].tolist()]
+    return conditionals, [net.at(position) for position in last.tolist()]
+
+
+def _roots(factors: list[Any], keys: I64) -> F64:
+    """(N, 6, 7) `[R d]` of the new states; NaN where one is not determined.
+
+    Raises:
+        RuntimeError: the elimination has lost the order of the tracks.
+    """
+    roots = np.full((len(keys), 6, 7), np.nan)
+    for row, (factor, key) in enumerate(zip(factors, keys.tolist(), strict=True)):
+        if factor.keys()[0] != key:
+            raise RuntimeError(f"elimination order changed near key {key}")
+        jacobian = factor.augmentedJacobianUnweighted()
+        if jacobian.shape == (6, 7):
+            roots[row] = jacobian
+    return roots
 
 
 def _culprit(failure: RuntimeError, slots: NDArray[np.int64]) -> int:
@@ -245,21 +199,36 @@ def _culprit(failure: RuntimeError, slots: NDArray[np.int64]) -> int:
     return slot
 
 
-def _sound(mean: F64, covariance: F64) -> NDArray[np.bool_]:
-    """(N,) states that are determined: QR pads a singular chain with noise where it can."""
-    variance = np.einsum("nii->ni", covariance)
-    with np.errstate(invalid="ignore"):
-        sound: NDArray[np.bool_] = np.isfinite(mean).all(axis=1) & (variance < 1e12).all(axis=1)
-    return sound
+@njit(cache=True)
+def _moments(roots: F64) -> tuple[F64, F64, Mask]:
+    """Mean (N, 6), covariance (N, 6, 6) and soundness (N,) of roots `R x = d`, R triangular."""
+    count = len(roots)
+    mean, covariance = np.zeros((count, 6)), np.zeros((count, 6, 6))
+    sound = np.zeros(count, np.bool_)
+    inverse = np.zeros((6, 6))
+    for n in range(count):
+        if not _invert_triangular(roots[n], inverse):
+            continue
+        sound[n] = True
+        for i in range(6):
+            mean[n, i] = np.sum(inverse[i] * roots[n, :, 6])
+            for j in range(6):
+                covariance[n, i, j] = np.sum(inverse[i] * inverse[j])
+            # a variance of 1e12 says that nothing is known
+            sound[n] &= np.isfinite(mean[n, i]) and covariance[n, i, i] < 1e12
+    return mean, covariance, sound
 
 
-def _eliminate(graph: Any, keys: list[int]) -> Any:
-    """Bayes net of `graph`. QR: Cholesky rejects healthy tracks whose motion noise is small."""
-    return graph.eliminateSequential(gtsam.Ordering(keys), gtsam.EliminateQR)
-
-
-def _moments(jacobian: F64) -> tuple[F64, F64]:
-    """Mean (N, 6) and covariance (N, 6, 6) of roots `R x = d`, from (N, 6, 7) `[R d]`."""
-    inverse = np.linalg.inv(jacobian[:, :, :6])
-    mean = np.einsum("nij,nj->ni", inverse, jacobian[:, :, 6])
-    return mean, inverse @ inverse.transpose(0, 2, 1)
+@njit(cache=True)
+def _invert_triangular(root: F64, inverse: F64) -> bool:
+    """Writes the inverse of the upper triangle of `root` (6, 6+); false where there is none."""
+    for column in range(6):
+        # false for NaN as well
+        if not abs(root[column, column]) > 1e-9:
+            return False
+        inverse[column, column] = 1.0 / root[column, column]
+        for row in range(column - 1, -1, -1):
+            above = root[row, row + 1 : column + 1]
+            total = np.sum(above * inverse[row + 1 : column + 1, column])
+            inverse[row, column] = -total / root[row, row]
+    return True

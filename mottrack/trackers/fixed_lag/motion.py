@@ -68,6 +68,18 @@ def square_root_information(covariance: F64) -> F64:
     return root
 
 
+def planar_root_information(covariance: F64) -> F64:
+    """The same in closed form for covariances (N, 2, 2)."""
+    xx, xy, yy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    across = np.sqrt(xx)
+    along = np.sqrt(yy - xy**2 / xx)
+    root = np.zeros_like(covariance)
+    root[:, 0, 0] = 1.0 / across
+    root[:, 1, 0] = -xy / (xx * along)
+    root[:, 1, 1] = 1.0 / along
+    return root
+
+
 def predict(mean: F64, covariance: F64, dt_s: F64, noise: MotionNoise) -> tuple[F64, F64]:
     """State (N, 6) and covariance (N, 6, 6) after `dt_s` (N,) seconds of constant acceleration."""
     step = transition(dt_s)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from mottrack.core.errors import InputError
 from mottrack.trackers.fixed_lag.motion import (
     F64,
     MotionNoise,
+    planar_root_information,
     process_noise,
     square_root_information,
     transition,
@@ -19,6 +21,18 @@ from mottrack.trackers.fixed_lag.motion import (
 MIN_STEP_S = 1e-3
 """Shorter steps make Q(dt) singular in double precision."""
 MAX_STEP_S = 60.0
+
+MEASUREMENT: dict[str, tuple[Any, tuple[int, ...]]] = {
+    "birth": (np.bool_, ()),
+    "position_m": (np.float64, (2,)),
+    "position_covariance_m2": (np.float64, (2, 2)),
+    "velocity_mps": (np.float64, (2,)),
+    "velocity_covariance_m2ps2": (np.float64, (2, 2)),
+    "has_velocity": (np.bool_, ()),
+    "weight": (np.float64, (2,)),
+    "innovation": (np.float64, (2,)),
+}
+"""Type and shape of what is measured at a node."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +65,11 @@ class NodeBatch:
 
     def __post_init__(self) -> None:
         count = len(self.slot)
-        expected = {
-            "slot": (count,),
-            "birth": (count,),
-            "position_m": (count, 2),
-            "position_covariance_m2": (count, 2, 2),
-            "velocity_mps": (count, 2),
-            "velocity_covariance_m2ps2": (count, 2, 2),
-            "has_velocity": (count,),
-            "weight": (count, 2),
-            "innovation": (count, 2),
-        }
-        for field, shape in expected.items():
-            if getattr(self, field).shape != shape:
-                raise InputError(field, getattr(self, field).shape, str(shape))
+        if self.slot.shape != (count,):
+            raise InputError("slot", self.slot.shape, str((count,)))
+        for field, (_, tail) in MEASUREMENT.items():
+            if getattr(self, field).shape != (count, *tail):
+                raise InputError(field, getattr(self, field).shape, str((count, *tail)))
         if len(np.unique(self.slot)) != count:
             raise InputError("slot", self.slot.tolist(), "each track at most once")
 
@@ -75,8 +80,8 @@ class NodeBatch:
         """The rows of a mask (N,)."""
         if rows.all():
             return self
-        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "stamp_ns"}
-        return NodeBatch(stamp_ns=self.stamp_ns, **arrays)
+        arrays = {name: getattr(self, name)[rows] for name in MEASUREMENT}
+        return NodeBatch(stamp_ns=self.stamp_ns, slot=self.slot[rows], **arrays)
 
     def usable(self, dt_s: F64) -> NDArray[np.bool_]:
         """(N,) rows that can be eliminated: finite, positive definite, with a step in time.
@@ -126,21 +131,22 @@ def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, noise: MotionNoise) -> Wh
     count = len(batch)
     previous, current = np.zeros((count, 10, 6)), np.zeros((count, 10, 6))
     target = np.zeros((count, 10))
-    step_s = np.where(batch.birth, 0.1, dt_s)
+    # most tracks were last seen in the same frame: few steps are different
+    step_s, which = np.unique(np.where(batch.birth, 0.1, dt_s), return_inverse=True)
     root = square_root_information(process_noise(step_s, noise))
-    previous[:, :6] = -root @ transition(step_s)
-    current[:, :6] = root
+    previous[:, :6] = (-root @ transition(step_s))[which]
+    current[:, :6] = root[which]
     previous[batch.birth] = 0.0
     current[batch.birth, :6] = birth_prior(noise)
-    root = square_root_information(batch.position_covariance_m2)
+    root = planar_root_information(batch.position_covariance_m2)
     root *= np.sqrt(batch.weight[:, 0])[:, None, None]
     current[:, 6:8, 0:2] = root
-    target[:, 6:8] = np.einsum("nij,nj->ni", root, batch.position_m - anchor_m)
+    target[:, 6:8] = (root @ (batch.position_m - anchor_m)[:, :, None])[:, :, 0]
     seen = batch.has_velocity
-    root = square_root_information(batch.velocity_covariance_m2ps2[seen])
+    root = planar_root_information(batch.velocity_covariance_m2ps2[seen])
     root *= np.sqrt(batch.weight[seen, 1])[:, None, None]
     current[seen, 8:10, 2:4] = root
-    target[seen, 8:10] = np.einsum("nij,nj->ni", root, batch.velocity_mps[seen])
+    target[seen, 8:10] = (root @ batch.velocity_mps[seen][:, :, None])[:, :, 0]
     return WhitenedRows(previous, current, target, np.where(seen, 10, 8))
 
 

@@ -6,52 +6,50 @@ means something. It is also the engine where there is no GTSAM (Windows).
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mottrack.trackers.fixed_lag.engine import FixedLagEngine, stacked
+from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
 from mottrack.trackers.fixed_lag.motion import F64, MotionNoise, process_noise, transition
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
+from mottrack.trackers.fixed_lag.store import I64, Mask
 
 
 class Filtered(NamedTuple):
-    """What the smoother needs of one node: filtered, predicted, and the gain that joins them."""
+    """What the smoother needs of N nodes: filtered, predicted, and the gain that joins them."""
 
     mean: F64
-    """(6,) given measurements up to this node."""
+    """(N, 6) given measurements up to this node."""
     covariance: F64
-    """(6, 6)."""
+    """(N, 6, 6)."""
     predicted_mean: F64
-    """(6,) given measurements up to the node before."""
+    """(N, 6) given measurements up to the node before."""
     predicted_covariance: F64
-    """(6, 6)."""
+    """(N, 6, 6)."""
     gain: F64
-    """(6, 6) smoothing gain `P F^T P_pred^-1` of the node before."""
+    """(N, 6, 6) smoothing gain `P F^T P_pred^-1` of the node before."""
 
 
 class NumpyEngine(FixedLagEngine):
     """Fixed-lag smoothing by filter and smoother recursions."""
 
     def __init__(self, noise: MotionNoise, lag_ns: int) -> None:
-        super().__init__(noise, lag_ns)
-        self._history: dict[int, deque[Filtered]] = {}
+        matrices = ("covariance", "predicted_covariance", "gain")
+        tails = {name: (6, 6) if name in matrices else (6,) for name in Filtered._fields}
+        super().__init__(noise, lag_ns, {name: (np.float64, tail) for name, tail in tails.items()})
 
-    def _advance(self, batch: NodeBatch, dt_s: F64) -> NDArray[np.bool_]:
-        prior = (self._mean[batch.slot], self._covariance[batch.slot])
+    def _advance(self, batch: NodeBatch, dt_s: F64, column: I64) -> Mask:
+        before = self._store.before(column)
+        prior = [self._store[name][batch.slot, before] for name in ("mean", "covariance")]
         nodes = self._filter(batch, dt_s, *prior)
+        for name, array in nodes._asdict().items():
+            self._store[name][batch.slot, column] = array
         self._mean[batch.slot], self._covariance[batch.slot] = nodes.mean, nodes.covariance
-        for row, slot in enumerate(batch.slot.tolist()):
-            if batch.birth[row]:
-                self._history[slot] = deque()
-            self._history[slot].append(Filtered(*(array[row] for array in nodes)))
         return np.ones(len(batch), np.bool_)
 
     def _filter(self, batch: NodeBatch, dt_s: F64, mean: F64, covariance: F64) -> Filtered:
-        """One step for every row: arrays with a leading axis N."""
+        """One step for every row."""
         step = transition(dt_s)
         predicted = np.einsum("nij,nj->ni", step, mean)
         crossed = step @ covariance
@@ -72,38 +70,22 @@ class NumpyEngine(FixedLagEngine):
         _update(state, np.nonzero(batch.has_velocity)[0], velocity, 2)
         return Filtered(*state, predicted, spread, gain)
 
-    def _drop_oldest(self, slot: int) -> None:
-        self._history[slot].popleft()
+    def _smoothed(self, recent: Recent) -> F64:
+        slots, column = recent.slots, recent.column
+        mean: F64 = self._store["mean"][slots[:, None], column]
+        for k in range(column.shape[1] - 2, -1, -1):
+            gain = self._store["gain"][slots, column[:, k + 1]]
+            off = mean[:, k + 1] - self._store["predicted_mean"][slots, column[:, k + 1]]
+            mean[:, k] += np.einsum("nij,nj->ni", gain, off)
+        return mean
 
-    def _forget(self, slot: int) -> None:
-        del self._history[slot]
-
-    def _smooth(self, slot: int, covariance: bool) -> tuple[F64, F64 | None]:
-        nodes = self._history[slot]
-        mean = np.array([node.mean for node in nodes])
-        spread = np.array([node.covariance for node in nodes])
-        for k in range(len(nodes) - 2, -1, -1):
-            later = nodes[k + 1]
-            mean[k] += later.gain @ (mean[k + 1] - later.predicted_mean)
-            change = spread[k + 1] - later.predicted_covariance
-            spread[k] += later.gain @ change @ later.gain.T
-        return mean, spread if covariance else None
-
-    def _resolve(self, slots: list[int]) -> None:
-        for slot in slots:
-            nodes = list(self._windows[slot])
-            history: deque[Filtered] = deque()
-            if not nodes[0].is_birth:
-                history.append(self._history[slot][0])
-            for node in nodes[len(history) :]:
-                prior = (np.zeros((1, 6)), np.eye(6)[None])
-                if history:
-                    prior = (history[-1].mean[None], history[-1].covariance[None])
-                one = replace(stacked([node]), slot=np.array([slot]))
-                filtered = self._filter(one, np.array([node.dt_s]), *prior)
-                history.append(Filtered(*(array[0] for array in filtered)))
-            self._history[slot] = history
-            self._mean[slot], self._covariance[slot] = history[-1].mean, history[-1].covariance
+    def _smoothed_covariance(self, slot: int, column: I64) -> F64:
+        spread: F64 = self._store["covariance"][slot, column]
+        for k in range(len(column) - 2, -1, -1):
+            gain = self._store["gain"][slot, column[k + 1]]
+            change = spread[k + 1] - self._store["predicted_covariance"][slot, column[k + 1]]
+            spread[k] += gain @ change @ gain.T
+        return spread
 
 
 def _birth_covariance(noise: MotionNoise) -> F64:
@@ -113,9 +95,7 @@ def _birth_covariance(noise: MotionNoise) -> F64:
     return np.diag(np.square(sigma))
 
 
-def _update(
-    state: tuple[F64, F64], rows: NDArray[np.int64], measured: tuple[F64, F64], first: int
-) -> None:
+def _update(state: tuple[F64, F64], rows: I64, measured: tuple[F64, F64], first: int) -> None:
     """Kalman update in place with components `first` and `first + 1`, in Joseph's form."""
     if len(rows) == 0:
         return

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mottrack.trackers.fixed_lag.engine import FixedLagEngine, stacked
-from mottrack.trackers.fixed_lag.motion import F64, square_root_information
+from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
+from mottrack.trackers.fixed_lag.motion import F64, planar_root_information
+from mottrack.trackers.fixed_lag.store import I64
 
 
 @dataclass(frozen=True)
@@ -39,51 +40,45 @@ class Huber:
             return np.ones_like(distance)
         return self.threshold / np.maximum(distance, self.threshold)
 
-    def refine(self, engine: FixedLagEngine, slots: list[int]) -> int:
-        """Solves the flagged windows among `slots` again; returns how many."""
-        if self.threshold <= 0:
+    def refine(self, engine: FixedLagEngine, slots: I64) -> int:
+        """Solves the flagged windows among `slots` (N,) again; returns how many."""
+        flagged = engine.recent(self._flagged(engine, slots), self.span + 1)
+        count = len(flagged.slots)
+        if count == 0:
             return 0
-        flagged = self._flagged(engine, slots)
-        current = {slot: np.array([n.weight for n in engine.window(slot)]) for slot in flagged}
-        moving = flagged
         for _ in range(self.iterations):
-            fresh = {slot: self._window_weights(engine, slot) for slot in moving}
-            moving = [s for s in moving if np.abs(fresh[s] - current[s]).max() > 1e-3]
-            if not moving:
+            fresh, old = self._window_weights(engine, flagged), engine.weight(flagged)
+            moved = (np.abs(fresh - old).max(axis=2) > 1e-3) & flagged.open
+            moving = moved.any(axis=1)
+            if not moving.any():
                 break
-            engine.reweigh(moving, [fresh[slot] for slot in moving])
-            current |= {slot: fresh[slot] for slot in moving}
-        return len(flagged)
+            flagged = Recent(*(array[moving] for array in flagged))
+            engine.reweigh(flagged, fresh[moving], moved[moving].argmax(axis=1))
+        return count
 
-    def _flagged(self, engine: FixedLagEngine, slots: list[int]) -> list[int]:
+    def _flagged(self, engine: FixedLagEngine, slots: I64) -> I64:
         """Tracks with a suspicious measurement that is still open to a second look."""
-        worst = {}
-        for slot in slots:
-            recent = engine.window(slot)[1:][-self.span :]
-            innovation = max((node.surprise for node in recent), default=0.0)
-            if innovation > self.flag:
-                worst[slot] = innovation
-        ranked = sorted(worst, key=lambda slot: (-worst[slot], slot))
-        return ranked[: self.max_windows]
+        if self.threshold <= 0 or len(slots) == 0:
+            return slots[:0]
+        worst = engine.innovation(engine.recent(slots, self.span)).max(axis=(1, 2))
+        ranked = np.lexsort((slots, -worst))
+        chosen = ranked[worst[ranked] > self.flag][: self.max_windows]
+        return np.asarray(slots[chosen])
 
-    def _window_weights(self, engine: FixedLagEngine, slot: int) -> F64:
-        """(K, 2) weights from the residuals of the smoothed window; the oldest keeps its own."""
-        nodes = list(engine.window(slot))
-        data, smoothed = stacked(nodes), engine.smooth(slot).mean
-        distance = np.empty((len(nodes), 2))
-        distance[:, 0] = _length(data.position_covariance_m2, data.position_m - smoothed[:, :2])
-        spread = np.where(
-            data.has_velocity[:, None, None], data.velocity_covariance_m2ps2, np.eye(2)
-        )
-        distance[:, 1] = _length(spread, data.velocity_mps - smoothed[:, 2:4])
-        distance[~data.has_velocity, 1] = 0.0
-        weights = self.weights(distance)
-        if not nodes[0].is_birth:
-            weights[0] = nodes[0].weight
-        return weights
+    def _window_weights(self, engine: FixedLagEngine, recent: Recent) -> F64:
+        """(N, D, 2) weights from the residuals of the smoothed nodes."""
+        data, smoothed = engine.residuals(recent)
+        distance = np.zeros((*recent.there.shape, 2))
+        off_m, off_mps = data.position_m - smoothed[:, :2], data.velocity_mps - smoothed[:, 2:4]
+        unseen = ~data.has_velocity
+        spread = np.where(unseen[:, None, None], np.eye(2), data.velocity_covariance_m2ps2)
+        velocity = np.where(unseen, 0.0, _length(spread, off_mps))
+        position = _length(data.position_covariance_m2, off_m)
+        distance[recent.there] = np.column_stack([position, velocity])
+        return self.weights(distance)
 
 
 def _length(covariance: F64, off: F64) -> F64:
     """(N,) normalised length of residuals (N, 2)."""
-    whitened = np.einsum("nij,nj->ni", square_root_information(covariance), off)
+    whitened = np.einsum("nij,nj->ni", planar_root_information(covariance), off)
     return np.asarray(np.hypot(whitened[:, 0], whitened[:, 1]))

@@ -75,7 +75,7 @@ class FixedLagTracker:
         measurements = self._inherit(known, heirs, measurements)
         fresh = self._adopt(known, held.tracks, (matches, pairs), heirs)
         seen = self._add_nodes(stamp_ns, known, objects, (matches, born, fresh, measurements))
-        self._huber.refine(self._engine, seen.tolist())
+        self._huber.refine(self._engine, seen)
         self._bury(stamp_ns)
         return self._published(stamp_ns, seen)
 
