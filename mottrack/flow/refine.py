@@ -32,10 +32,10 @@ class RefineConfig(StrictModel):
     moving_mps: float = Field(0.5, gt=0, description="slower cells are at rest already")
     similar_mps: float = Field(1.0, gt=0, description="velocity step inside one component")
     similar_share: float = Field(0.35, ge=0, description="the same, as a share of the speed")
-    max_correction_m: float = Field(0.8, gt=0, description="a larger correction is refused")
-    claim_ratio: float = Field(
-        1.1, gt=0, description="at rest if rest costs at most this times what is claimed"
-    )
+    min_points: int = Field(12, ge=1, description="fewer points fit any shift: not refined")
+    max_correction_m: float = Field(0.5, gt=0, description="a larger correction is refused")
+    min_passed: int = Field(5, ge=1, description="points seen through before: not at rest")
+    passed_share: float = Field(0.03, ge=0, description="and at least this share of the points")
 
 
 class Refiner:
@@ -67,14 +67,21 @@ class Refiner:
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """(K,) components that take the registration's shift, and those that are at rest.
 
-        At rest are those that rest explains as well as the estimator's own claim does.
+        At rest are those that rest explains at least as well as the estimator's own claim does,
+        unless they stand where the previous sweep saw through: nothing at rest stands there.
         """
         # the estimator's hypothesis is evidence of its own
         believed = explains(matches, np.ones_like(matches.cost_m, np.bool_), self.config.verdict)
         believed |= is_evident(matches, self.config.verdict)
         correction_m = np.hypot(*(matches.shift_m - start_m).T)
-        resting = ~believed & (matches.rest_cost_m <= self.config.claim_ratio * claimed_m)
-        return believed & (correction_m < self.config.max_correction_m), resting
+        refined = believed & (matches.points >= self.config.min_points)
+        refined &= correction_m < self.config.max_correction_m
+        resting = ~believed & (matches.rest_cost_m <= claimed_m)
+        return refined, resting & ~self._passed(matches)
+
+    def _passed(self, matches: Matches) -> NDArray[np.bool_]:
+        least = np.maximum(self.config.min_passed, self.config.passed_share * matches.points)
+        return np.asarray(matches.passed >= least)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,10 @@ from mottrack.flow.kept_points import GroundStage, keep_points
 from mottrack.flow.prepared import Prepared
 from mottrack.flow.refine import RefineConfig, Refiner
 from mottrack.lidar.alignment import AlignmentConfig, residual_motion
-from mottrack.lidar.visibility import UNSEEN, visibility_raster
+from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster
+
+_NEAR_M = 0.5
+"""How far off an earlier place may be and still be the one that a velocity names."""
 
 
 class AlignmentStage(AlignmentConfig):
@@ -105,23 +108,44 @@ class Stages:
         if field.grid != self.grid:
             raise InputError("grid of field", field.grid, str(self.grid))
         if self.config.visibility.rule and prepared.previous_seen is not None:
-            field = silence_unseen(field, prepared.previous_seen)
+            field = silence_unseen(field, prepared.previous_seen, prepared.elapsed_s)
         if self.config.refine.enabled:
             field = self._refiner.refine(field, prepared)
         return field
 
 
-def silence_unseen(field: FlowField, previous_seen: NDArray[np.int8]) -> FlowField:
+def silence_unseen(
+    field: FlowField, previous_seen: NDArray[np.int8], elapsed_s: float
+) -> FlowField:
     """Withdraws the velocity of cells (H, W) whose place the previous sweep could not see.
 
-    What was hidden and has come into view matches nothing; an estimator invents a fast match.
+    What was hidden and has come into view matches nothing; an estimator invents a fast match. A
+    vehicle that has driven into what was hidden is told by its earlier place: something stood
+    there. It keeps its velocity.
     """
-    unseen = previous_seen == UNSEEN
+    unseen = field.occupied & (previous_seen == UNSEEN)
+    unseen[unseen] = ~_came_from(field, unseen, previous_seen == OCCUPIED, elapsed_s)
     return replace(
         field,
         velocity_mps=np.where(unseen[..., None], np.float32(0), field.velocity_mps),
         valid=field.valid & ~unseen,
     )
+
+
+def _came_from(
+    field: FlowField, cells: NDArray[np.bool_], occupied: NDArray[np.bool_], elapsed_s: float
+) -> NDArray[np.bool_]:
+    """(C,) whether something stood near the earlier place of each chosen cell (H, W)."""
+    velocity_mps, grid = field.velocity_mps[cells], field.grid
+    rows, cols, inside = grid.cells(grid.centres_m()[cells] - velocity_mps * elapsed_s)
+    moved = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) * elapsed_s > grid.cell_m
+    reach = int(np.ceil(_NEAR_M / grid.cell_m))
+    near = np.zeros(len(rows), np.bool_)
+    for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        row = np.clip(rows + down - reach, 0, grid.shape[0] - 1)
+        col = np.clip(cols + right - reach, 0, grid.shape[1] - 1)
+        near |= occupied[row, col]
+    return np.asarray(near & inside & moved)
 
 
 def _moved(sweep: Sweep, correction: Pose) -> Sweep:
