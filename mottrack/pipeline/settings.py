@@ -14,11 +14,11 @@ from mottrack.pipeline.album import SnapshotConfig
 class GridConfig(StrictModel):
     """Extent and cell size of the bird's-eye-view grid; the default is the paper's."""
 
-    x_min_m: float = -50.0
-    x_max_m: float = 50.0
-    y_min_m: float = -50.0
-    y_max_m: float = 50.0
-    cell_m: float = Field(default=0.25, gt=0)
+    x_min_m: float = Field(default=-50.0, description="rear edge")
+    x_max_m: float = Field(default=50.0, description="front edge")
+    y_min_m: float = Field(default=-50.0, description="right edge")
+    y_max_m: float = Field(default=50.0, description="left edge")
+    cell_m: float = Field(default=0.25, gt=0, description="side of a cell")
 
     def grid(self) -> BevGrid:
         """The grid itself."""

@@ -112,7 +112,7 @@ class AssociationConfig(StrictModel):
 class SecondStageConfig(StrictModel):
     """A second look at detections whose score was too low to start a track."""
 
-    enabled: bool = False
+    enabled: bool = Field(False, description="match weak detections to tracks left over")
     score: float = Field(0.3, description="detections below it wait for the second stage")
     association: AssociationConfig = Field(default_factory=AssociationConfig)
 
@@ -120,7 +120,7 @@ class SecondStageConfig(StrictModel):
 class NmsConfig(StrictModel):
     """Non-maximum suppression before tracking."""
 
-    enabled: bool = False
+    enabled: bool = Field(False, description="drop boxes that overlap a stronger one")
     iou: float = Field(0.1, ge=0, le=1, description="BeV IoU above which the weaker one goes")
     class_aware: bool = Field(True, description="suppress within a class only")
     min_score: float | None = Field(None, description="drop weaker detections altogether")
