@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from mottrack.flow.pillarflow.training.checkpoint import Progress
     from mottrack.flow.pillarflow.training.config import ExamplesConfig, TrainConfig
 
 Config = Annotated[str, typer.Argument(help="YAML file of a training run, or a shipped one")]
@@ -37,13 +36,14 @@ def train(
     examples: Examples = Path("out/examples"),
 ) -> None:
     """Train a PillarFlow network; under torchrun on all its processes."""
+    from mottrack.cli.work_bar import WorkBar
     from mottrack.flow.pillarflow.training.run import run
     from mottrack.flow.pillarflow.training.shards import Shards
 
     settings = _read(config, overrides or [])
     folder = _examples(settings.examples, examples)
     training, held_out = Shards(folder / "training"), Shards(folder / "validation")
-    with _Bar("train", settings.steps) as bar:
+    with WorkBar("train", settings.steps) as bar:
         scores = run(settings, out, training, held_out, bar.training)
     if scores is not None:
         for name, value in scores.as_dict().items():
@@ -100,43 +100,13 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
 
 def _examples(config: ExamplesConfig, parent: Path) -> Path:
     """Make the examples, or wait for the first process to have made them."""
+    from mottrack.cli.work_bar import WorkBar
     from mottrack.pipeline.training_data import await_examples, examples_folder, make_examples
 
     folder = examples_folder(config, parent)
     if int(os.environ.get("RANK", "0")):
         await_examples(folder)
     else:
-        with _Bar("examples", 0) as bar:
+        with WorkBar("examples", 0) as bar:
             make_examples(config, folder, bar.shards)
     return folder
-
-
-class _Bar:
-    """A progress bar; only the first process shows it."""
-
-    def __init__(self, title: str, total: int) -> None:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-        from rich.progress import TimeRemainingColumn as Remaining
-
-        hidden = int(os.environ.get("RANK", "0")) != 0
-        text = TextColumn("{task.fields[now]}")
-        columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), Remaining(), text)
-        self._progress = Progress(*columns, disable=hidden)
-        self._task = self._progress.add_task(title, total=total or None, now="")
-
-    def __enter__(self) -> _Bar:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def shards(self, done: int, total: int) -> None:
-        """After each shard of examples."""
-        self._progress.update(self._task, completed=done, total=total)
-
-    def training(self, progress: Progress) -> None:
-        """After each step."""
-        losses = [point["loss"] for point in progress.history[-3:] if "loss" in point]
-        now = f"loss {losses[-1]:.3f}" if losses else ""
-        self._progress.update(self._task, completed=progress.step, now=now)
