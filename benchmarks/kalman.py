@@ -33,6 +33,7 @@ SPACING_M = 7.0
 WARM_UP = 5
 HERE = Path(__file__).resolve().parent
 PEER_PYTHON = HERE.parent / ".venv-peers" / "bin" / "python"
+LADDER = (60, 300, 1000)
 PEERS = ("norfair", "stonesoup")
 
 OURS: dict[str, dict[str, Any]] = {
@@ -138,12 +139,26 @@ def measure(count: int, repeats: int, *, quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
+def growth(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The power of the number of objects by which a frame's time grows: 1 is linear."""
+    found = []
+    for name in dict.fromkeys(row["tracker"] for row in rows):
+        mine = [row for row in rows if row["tracker"] == name and row["objects"] in LADDER]
+        count = np.array([row["objects"] for row in mine], float)
+        took = np.array([row["ms a frame"] for row in mine])
+        power = np.polyfit(np.log(count), np.log(took), 1)[0] if len(mine) > 1 else np.nan
+        found.append({"tracker": name, "time grows with objects to the power": float(power)})
+    return found
+
+
 def main() -> None:
     options = arguments(__doc__ or "")
     sizes = (60, 70, 420) if options.quick else (60, 70, 300, 420, 1000)
     repeats = 2 if options.quick else 5
     time_ours(workload(60, 10), 10, "mottrack default")  # compiles what is compiled
-    report([row for n in sizes for row in measure(n, repeats, quick=options.quick)], options.json)
+    rows = [row for n in sizes for row in measure(n, repeats, quick=options.quick)]
+    report(rows, options.json)
+    report(growth(rows), None)
 
 
 if __name__ == "__main__":

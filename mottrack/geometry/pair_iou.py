@@ -4,38 +4,40 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.geometry.iou import bev_corners
 from mottrack.geometry.polygon import clip_area
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 
+@numba.njit(cache=True)
 def bev_iou_of_pairs(a: F64, b: F64, pairs: tuple[I64, I64]) -> F64:
     """Intersection over union from above of the pairs (i, j) of a (N, 7) and b (M, 7), (P,).
 
-    Boxes are rows (x, y, z, l, w, h, yaw), as in `mottrack.geometry.iou`.
+    Boxes are rows (x, y, z, l, w, h, yaw), as in `mottrack.geometry.iou`. Pairs whose circumscribed
+    circles are apart are 0 without a look at their corners.
     """
-    i, j = pairs
-    if len(i) == 0:
-        return np.empty(0)
-    about_a, about_b = a.copy(), b.copy()
-    about_a[:, :2] = about_b[:, :2] = 0.0
-    offset = b[j, :2] - a[i, :2]
-    shared: F64 = _shared_areas(bev_corners(about_a)[i], bev_corners(about_b)[j], offset)
-    union = a[i, 3] * a[i, 4] + b[j, 3] * b[j, 4] - shared
-    ratio: F64 = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0.0)
+    ratio = np.zeros(len(pairs[0]))
+    work = np.empty((2, 9, 2))
+    one, other = np.empty((4, 2)), np.empty((4, 2))
+    for p in range(len(ratio)):
+        i, j = a[pairs[0][p]], b[pairs[1][p]]
+        x, y = j[0] - i[0], j[1] - i[1]
+        reach = 0.5 * (np.hypot(i[3], i[4]) + np.hypot(j[3], j[4]))
+        if x * x + y * y < reach * reach:
+            _corners(i, 0.0, 0.0, one)
+            _corners(j, x, y, other)
+            shared = clip_area(one, other, work)
+            ratio[p] = shared / (i[3] * i[4] + j[3] * j[4] - shared)
     return ratio
 
 
 @numba.njit(cache=True)
-def _shared_areas(a: F64, b: F64, offset: F64) -> F64:
-    areas = np.zeros(len(a))
-    work = np.empty((2, 9, 2))
-    moved = np.empty((4, 2))
-    for p in range(len(a)):
-        for k in range(4):
-            moved[k, 0] = b[p, k, 0] + offset[p, 0]
-            moved[k, 1] = b[p, k, 1] + offset[p, 1]
-        areas[p] = clip_area(a[p], moved, work)
-    return areas
+def _corners(box: F64, x: float, y: float, out: F64) -> None:
+    """Corners (4, 2) of a box that is moved to (x, y), counter-clockwise."""
+    cos, sin = np.cos(box[6]), np.sin(box[6])
+    for k in range(4):
+        along = 0.5 * box[3] if k in (0, 3) else -0.5 * box[3]
+        across = 0.5 * box[4] if k < 2 else -0.5 * box[4]
+        out[k, 0] = x + cos * along - sin * across
+        out[k, 1] = y + sin * along + cos * across

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.geometry.pair_iou import bev_iou_of_pairs
-from mottrack.trackers.association.candidates import candidate_pairs, runs
+from mottrack.trackers.association.candidates import candidate_pairs
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -25,9 +25,7 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
     later = better < worse
     better, worse = better[later], worse[later]
     covered = bev_iou_of_pairs(ranked, ranked, (better, worse)) > iou
-    better, worse = better[covered], worse[covered]
     alive = np.ones(len(order), bool)
-    for start, stop in runs(better):
-        if alive[better[start]]:
-            alive[worse[start:stop]] = False
+    for winner, loser in zip(better[covered].tolist(), worse[covered].tolist(), strict=True):
+        alive[loser] &= not alive[winner]
     return np.asarray(np.sort(order[alive]))

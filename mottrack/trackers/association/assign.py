@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
@@ -20,17 +21,27 @@ def greedy(cost: F64, pairs: Pairs) -> I64:
     cost (P,) of the pairs (i, j), two arrays (P,). Returns the indices of the accepted pairs, in
     the order of acceptance.
     """
+    if len(cost) == 0:
+        return np.empty(0, np.int64)
     order = np.lexsort((pairs[1], pairs[0], cost))
-    taken_left: set[int] = set()
-    taken_right: set[int] = set()
-    accepted = []
-    rows, columns = pairs[0][order].tolist(), pairs[1][order].tolist()
-    for index, i, j in zip(order.tolist(), rows, columns, strict=True):
-        if i not in taken_left and j not in taken_right:
-            taken_left.add(i)
-            taken_right.add(j)
-            accepted.append(index)
-    return np.array(accepted, np.int64)
+    accepted: I64 = _accept(order, (pairs[0][order], pairs[1][order]))
+    return accepted
+
+
+@numba.njit(cache=True)
+def _accept(order: I64, pairs: Pairs) -> I64:
+    """Those of `order` (P,) whose pair, in the same order, has both sides still free."""
+    rows, columns = pairs
+    taken_left = np.zeros(rows.max() + 1, np.bool_)
+    taken_right = np.zeros(columns.max() + 1, np.bool_)
+    accepted = np.empty(len(order), np.int64)
+    count = 0
+    for k in range(len(order)):
+        if not (taken_left[rows[k]] or taken_right[columns[k]]):
+            taken_left[rows[k]] = taken_right[columns[k]] = True
+            accepted[count] = order[k]
+            count += 1
+    return accepted[:count]
 
 
 def hungarian(cost: F64, pairs: Pairs) -> I64:

@@ -1,10 +1,14 @@
 """Which pairs can match at all, found without looking at every pair."""
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+
+ROUNDING = 1e-9
+"""The strips begin a little early, so that the exact comparison decides at the very edge."""
 
 
 def candidate_pairs(
@@ -20,31 +24,16 @@ def candidate_pairs(
     one group are paired. A strip along x is cut out by binary search, so the work grows with the
     number of neighbours, not with N times M. The box is inclusive: the exact gate comes after.
     """
-    if len(left_xy_m) == 0 or len(right_xy_m) == 0:
+    n, m = len(left_xy_m), len(right_xy_m)
+    if n == 0 or m == 0:
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    reach = np.broadcast_to(np.reshape(reach_m, (len(right_xy_m), -1)), (len(right_xy_m), 2))
-    i, j = _strip_pairs(*_apart(left_xy_m[:, 0], right_xy_m[:, 0], reach[:, 0], groups))
-    if groups is not None:
-        same = groups[0][i] == groups[1][j]
-        i, j = i[same], j[same]
-    near = np.all(np.abs(left_xy_m[i] - right_xy_m[j]) <= reach[j], axis=1)
-    i, j = i[near], j[near]
-    order = np.lexsort((j, i))
-    return i[order], j[order]
-
-
-def _apart(
-    left_m: F64, right_m: F64, reach_m: F64, groups: tuple[I64, I64] | None
-) -> tuple[F64, F64, F64]:
-    """Positions along x with the groups set side by side, so that one sweep serves them all."""
-    if groups is None:
-        return left_m, right_m, reach_m
-    low = min(float(left_m.min()), float(right_m.min()))
-    extent = max(float(left_m.max()), float(right_m.max())) - low + 1.0
-    reach = np.minimum(reach_m, extent)
-    pitch = extent + float(reach.max())
-    slack = reach + 1e-9 * pitch * (1.0 + float(np.max(groups[1])))
-    return left_m - low + pitch * groups[0], right_m - low + pitch * groups[1], slack
+    reach = np.empty((m, 2))
+    reach[:] = np.reshape(reach_m, (m, -1))
+    group, wanted = groups or (np.zeros(n, np.int64), np.zeros(m, np.int64))
+    order = np.lexsort((left_xy_m[:, 0], group))
+    block = [np.searchsorted(group[order], wanted, side) for side in ("left", "right")]
+    ordered = (left_xy_m[order], order)
+    return _near(ordered, np.ascontiguousarray(right_xy_m), reach, (block[0], block[1]))  # type: ignore[no-any-return]
 
 
 def runs(rows: I64) -> list[tuple[int, int]]:
@@ -53,12 +42,48 @@ def runs(rows: I64) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], len(rows)], strict=False))
 
 
-def _strip_pairs(left_m: F64, right_m: F64, reach_m: F64) -> tuple[I64, I64]:
-    """Pairs no further apart than reach_m (M,) along one axis, by binary search."""
-    order = np.argsort(left_m, kind="stable")
-    sorted_m = left_m[order]
-    first = np.searchsorted(sorted_m, right_m - reach_m, side="left")
-    count = np.searchsorted(sorted_m, right_m + reach_m, side="right") - first
-    column = np.repeat(np.arange(len(right_m)), count)
-    offset = np.arange(len(column)) - np.repeat(np.cumsum(count) - count, count)
-    return order[first[column] + offset], column
+@numba.njit(cache=True)
+def _near(left: tuple[F64, I64], right: F64, reach: F64, block: tuple[I64, I64]) -> tuple[I64, I64]:
+    """Walks the strip of each right row twice: to count the pairs of each left row, to list them.
+
+    `left` are positions sorted along x within each group, and the rows they were before; `block`
+    is where each right row's group begins and ends there.
+    """
+    place = np.zeros(len(left[0]) + 1, np.int64)
+    rows, columns = np.empty(0, np.int64), np.empty(0, np.int64)
+    for listing in (False, True):
+        if listing:
+            place = np.cumsum(place)
+            rows, columns = np.empty(place[-1], np.int64), np.empty(place[-1], np.int64)
+        for j in range(len(right)):
+            start, stop = block[0][j], block[1][j]
+            for k in range(_strip_start(left[0], start, stop, right[j, 0] - reach[j, 0]), stop):
+                if left[0][k, 0] - right[j, 0] > reach[j, 0]:
+                    break
+                if not _inside(left[0][k], right[j], reach[j]):
+                    continue
+                i = left[1][k]
+                if listing:
+                    rows[place[i]], columns[place[i]] = i, j
+                    place[i] += 1
+                else:
+                    place[i + 1] += 1
+    return rows, columns
+
+
+@numba.njit(cache=True)
+def _strip_start(xy: F64, start: int, stop: int, x: float) -> int:
+    """First of the rows from start up to stop, sorted along x, that is not well below x."""
+    x -= ROUNDING * (1.0 + abs(x))
+    while start < stop:
+        middle = (start + stop) // 2
+        if xy[middle, 0] < x:
+            start = middle + 1
+        else:
+            stop = middle
+    return start
+
+
+@numba.njit(cache=True)
+def _inside(a: F64, b: F64, reach: F64) -> bool:
+    return bool(abs(a[0] - b[0]) <= reach[0] and abs(a[1] - b[1]) <= reach[1])

@@ -39,7 +39,8 @@ class Detections:
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
     stray_surprise: F64
-    """(N,) -2 ln p of the velocity (but for a constant) of an object that no track expects."""
+    """(N,) -2 ln p of the velocity (but for a constant) of an object that no track expects;
+    0 where not measured."""
     surprise_limit: F64
     """(N,) -2 ln lambda: a pair that surprises more is less likely than a stray; else infinite."""
     moving: NDArray[np.bool_]
@@ -80,7 +81,9 @@ def read_detections(
     rank = _order(objects, chosen, label, stable=config.yaw == "published")
     chosen, label = chosen[rank], label[rank]
     kept = suppress(objects, chosen, label, config.nms)
-    return _pack(objects, chosen[kept], table.rows(label[kept]), label[kept], (config, unit_s))
+    noise = table.rows(label[kept])
+    limit = _surprise_limit(config.association, table.labels)[label[kept]]
+    return _pack(objects, chosen[kept], (noise, label[kept], limit), (config, unit_s))
 
 
 def suppress(objects: Objects, chosen: I64, label: I64, config: NmsConfig) -> I64:
@@ -102,27 +105,38 @@ def suppress(objects: Objects, chosen: I64, label: I64, config: NmsConfig) -> I6
 def _order(objects: Objects, chosen: I64, label: I64, *, stable: bool) -> I64:
     if stable:
         return np.asarray(np.argsort(label, kind="stable"))
+    score = -objects.score[chosen]
+    rank = np.lexsort((score, label))
+    tied = (np.diff(score[rank]) == 0) & (np.diff(label[rank]) == 0)
+    if not tied.any():
+        return rank
     x, y, z = objects.centre_m[chosen].T
-    return np.lexsort((z, y, x, -objects.score[chosen], label))
+    return np.lexsort((z, y, x, score, label))
 
 
 def _pack(
-    objects: Objects, rows: I64, noise: NoiseRows, label: I64, how: tuple[KalmanConfig, float]
+    objects: Objects,
+    rows: I64,
+    known: tuple[NoiseRows, I64, F64],
+    how: tuple[KalmanConfig, float],
 ) -> Detections:
-    config, unit_s = how
+    (noise, label, limit), (config, unit_s) = known, how
     yaw = wrap_angle(objects.yaw_rad[rows])
     mean, covariance, moving = _velocity(objects, rows, config)
     velocity, velocity_covariance = mean * unit_s, covariance * unit_s**2
-    unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
-    surprise = quadratic_2x2(inverse_2x2(unexpected), velocity)
+    surprise = np.zeros(len(rows))
+    if moving.any():
+        unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
+        surprise = quadratic_2x2(inverse_2x2(unexpected), velocity)
+        surprise += np.log(determinant_2x2(unexpected))
     return Detections(
         box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
         position=position_covariance(noise, yaw),
-        axial=noise.observation[:, 2:],
+        axial=np.ascontiguousarray(noise.observation[:, 2:]),
         velocity=velocity,
         velocity_covariance=velocity_covariance,
-        stray_surprise=surprise + np.log(determinant_2x2(unexpected)),
-        surprise_limit=_surprise_limit(config.association, objects.label[rows]),
+        stray_surprise=surprise,
+        surprise_limit=limit,
         moving=moving,
         label=label,
         score=objects.score[rows],
@@ -130,11 +144,12 @@ def _pack(
     )
 
 
-def _surprise_limit(config: AssociationConfig, label: NDArray[np.str_]) -> F64:
+def _surprise_limit(config: AssociationConfig, labels: list[str]) -> F64:
+    """-2 ln lambda of each class, (C,)."""
     if config.stray_per_m2 is None:
-        return np.full(len(label), np.inf)
+        return np.full(len(labels), np.inf)
     default = config.stray_per_m2
-    density = [config.strays_per_m2.get(name, default) for name in label.tolist()]
+    density = [config.strays_per_m2.get(name, default) for name in labels]
     return np.asarray(-2.0 * np.log(np.array(density, np.float64)))
 
 

@@ -45,16 +45,23 @@ def match(
     that found none.
     """
     second = config.second_stage
-    everyone = np.arange(len(tracks.mean))
-    strong = seen.score >= second.score if second.enabled else np.ones(len(seen), bool)
     gates = gates_by_class(config.association, labels)
-    first = _stage(seen, np.flatnonzero(strong), (tracks, everyone), config.association, gates)
     if not second.enabled:
-        return _sorted(first)
-    left = np.setdiff1d(everyone, first[0])
+        return _sorted(_stage(seen, tracks, config.association, gates))
+    strong = seen.score >= second.score
+    sure, unsure = np.flatnonzero(strong), np.flatnonzero(~strong)
+    rows, columns = _stage(seen.select(sure), tracks, config.association, gates)
+    left = others(len(tracks.mean), rows)
     gates = gates_by_class(second.association, labels)
-    more = _stage(seen, np.flatnonzero(~strong), (tracks, left), second.association, gates)
-    return _sorted((np.append(first[0], more[0]), np.append(first[1], more[1])))
+    more = _stage(seen.select(unsure), tracks.select(left), second.association, gates)
+    return _sorted((np.append(rows, left[more[0]]), np.append(sure[columns], unsure[more[1]])))
+
+
+def others(count: int, chosen: I64) -> I64:
+    """The numbers below `count` that are not among the chosen, sorted."""
+    free = np.ones(count, bool)
+    free[chosen] = False
+    return np.flatnonzero(free)
 
 
 def gates_by_class(config: AssociationConfig, labels: list[str]) -> F64:
@@ -62,24 +69,17 @@ def gates_by_class(config: AssociationConfig, labels: list[str]) -> F64:
     return np.array([config.gates.get(label, config.gate) for label in labels])
 
 
-def _stage(
-    seen: Detections,
-    columns: I64,
-    offered: tuple[Predicted, I64],
-    config: AssociationConfig,
-    gates: F64,
-) -> Pairs:
-    """One round of gate, cost and assignment between some detections and some tracks."""
-    some, tracks, rows = seen.select(columns), offered[0].select(offered[1]), offered[1]
+def _stage(seen: Detections, tracks: Predicted, config: AssociationConfig, gates: F64) -> Pairs:
+    """Tracks and detections that one round of gate, cost and assignment joins."""
     gate = gates[tracks.label]
-    reach = np.minimum(largest_offset_m(some, tracks, gate, config), config.max_distance_m)
-    groups = (some.label, tracks.label) if config.class_aware else None
-    pairs = candidate_pairs(some.box[:, :2], tracks.mean[:, :2], reach, groups)
-    distance, cost = COSTS[config.metric](some, tracks, pairs, config)
+    reach = np.minimum(largest_offset_m(seen, tracks, gate, config), config.max_distance_m)
+    groups = (seen.label, tracks.label) if config.class_aware else None
+    pairs = candidate_pairs(seen.box[:, :2], tracks.mean[:, :2], reach, groups)
+    distance, cost = COSTS[config.metric](seen, tracks, pairs, config)
     inside = distance <= gate[pairs[1]]
     pairs = (pairs[0][inside], pairs[1][inside])
     chosen = ASSIGNMENTS[config.method](cost[inside], pairs)
-    return rows[pairs[1][chosen]], columns[pairs[0][chosen]]
+    return pairs[1][chosen], pairs[0][chosen]
 
 
 def _sorted(matched: Pairs) -> Pairs:

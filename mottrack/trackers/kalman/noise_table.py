@@ -54,18 +54,21 @@ class NoiseTable:
 
     def index(self, label: NDArray[np.str_]) -> I64:
         """Index (N,) of each label; an unseen one gets the noise of the unknown class."""
-        names, inverse = np.unique(label, return_inverse=True)
-        for name in names.tolist():
-            if name not in self.labels:
-                self.labels.append(name)
-                self._rows.append(self._unknown)
-                self._pack()
-        position = np.array([self.labels.index(name) for name in names.tolist()], np.int64)
-        return position[inverse] if len(names) else np.empty(0, np.int64)
+        names = label.tolist()
+        for name in sorted(set(names) - self._position.keys()):
+            self.labels.append(name)
+            self._rows.append(self._unknown)
+            self._pack()
+        return np.array([self._position[name] for name in names], np.int64)
 
     def knows(self, label: NDArray[np.str_]) -> NDArray[np.bool_]:
         """Whether each label (N,) has noise of its own."""
         return np.isin(label, self.labels[: self.known])
+
+    @property
+    def process(self) -> NDArray[np.float64]:
+        """Process noise (C, 13) of every class, per unit of time."""
+        return self._packed.process
 
     def rows(self, index: I64) -> NoiseRows:
         """Noise of rows of those class indices (N,)."""
@@ -73,6 +76,7 @@ class NoiseTable:
 
     def _pack(self) -> None:
         rows = self._rows
+        self._position = {name: k for k, name in enumerate(self.labels)}
         self._packed = NoiseRows(
             observation=np.array([r.observation for r in rows]),
             along_ratio=np.array([r.along_ratio for r in rows]),

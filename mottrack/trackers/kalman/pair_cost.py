@@ -12,8 +12,7 @@ from mottrack.core.pose import wrap_angle
 from mottrack.trackers.association import centre_distance_m
 from mottrack.trackers.kalman.config import AssociationConfig
 from mottrack.trackers.kalman.detections import Detections
-from mottrack.trackers.kalman.state import BOX_SIZE, VELOCITY, YAW
-from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
+from mottrack.trackers.kalman.pair_terms import Expected, Observed, pair_terms
 
 if TYPE_CHECKING:
     from mottrack.trackers.kalman.matching import Predicted
@@ -26,8 +25,8 @@ PairCost = Callable[["Detections", "Predicted", Pairs, AssociationConfig], tuple
 ROUNDING = 1e-6
 """Slack of the first look, so that the exact gate decides at its very edge."""
 
-COMPARED = {"box": slice(0, 5), "position": slice(0, 1), "planar": slice(0, 0)}
-"""Which of z, yaw, l, w, h count beside x and y."""
+COMPARED = {"box": (2, 7), "position": (2, 3), "planar": (2, 2)}
+"""Which numbers of the box count beside x and y: from, and up to."""
 
 
 def largest_offset_m(
@@ -61,62 +60,37 @@ def mahalanobis_cost(
     where the density of strays is known, the surprise -2 ln p(x, y | track): a wide track does not
     take what a sharp one explains better, and a pair less likely than a stray is none.
     """
-    i, j = pairs
-    planar, offset = tracks.planar[j], seen.box[i, :2] - tracks.mean[j, :2]
-    inverse = inverse_2x2(planar[:, :2, :2] + seen.position[i])
-    squared = quadratic_2x2(inverse, offset)
-    squared += _axial(seen, tracks, pairs, COMPARED[config.components])
-    bits = np.zeros_like(squared)
-    if config.velocity:
-        added, bits = _moving(seen, tracks, pairs, (offset, inverse))
-        squared += np.minimum(added, (config.velocity_limit or np.inf) ** 2)
+    limit = (config.velocity_limit or np.inf) if config.velocity else 0.0
+    how = (*COMPARED[config.components], limit**2)
+    squared, spread = pair_terms(pairs, _observed(seen), _expected(tracks), how)
     distance = np.sqrt(squared)
     if config.float32:
         distance = distance.astype(np.float32).astype(np.float64)
     if config.stray_per_m2 is None:
         return distance, distance
-    spread = 2.0 * np.log(2.0 * np.pi) - np.log(determinant_2x2(inverse))
-    surprise = squared + spread + bits
-    unlikely = surprise > seen.surprise_limit[i]
+    surprise = squared + spread
+    unlikely = surprise > seen.surprise_limit[pairs[0]]
     return np.where(unlikely, np.inf, distance), surprise
 
 
 def innovation_squared(seen: Detections, tracks: Predicted, pairs: Pairs) -> F64:
     """NIS of the box, (P,): r' S^-1 r over all seven numbers, for the test of consistency."""
-    i, j = pairs
-    inverse = inverse_2x2(tracks.planar[j][:, :2, :2] + seen.position[i])
-    offset = seen.box[i, :2] - tracks.mean[j, :2]
-    return quadratic_2x2(inverse, offset) + _axial(seen, tracks, pairs, COMPARED["box"])
+    how = (*COMPARED["box"], 0.0)
+    squared: F64 = pair_terms(pairs, _observed(seen), _expected(tracks), how)[0]
+    return squared
 
 
-def _axial(seen: Detections, tracks: Predicted, pairs: Pairs, compared: slice) -> F64:
-    """Sum of squared, normalised differences of those of z, yaw, l, w, h that are compared."""
-    i, j = pairs
-    difference = seen.box[i, 2:] - tracks.mean[j, 2:BOX_SIZE]
-    difference[:, YAW - 2] = heading_residual(difference[:, YAW - 2])
-    terms = difference**2 / (tracks.axial[j] + seen.axial[i])
-    return np.asarray(terms[:, compared].sum(axis=1))
+def _observed(seen: Detections) -> Observed:
+    box = (seen.box, seen.position, seen.axial)
+    return (*box, seen.velocity, seen.velocity_covariance, seen.moving, seen.stray_surprise)
 
 
-def _moving(
-    seen: Detections, tracks: Predicted, pairs: Pairs, centre: tuple[F64, F64]
-) -> tuple[F64, F64]:
-    """What the velocity, given the centre, adds to d^2 and, beside that, to the surprise.
-
-    The second is ln det S of the velocity less the surprise of a stray's: a velocity that only
-    this track explains speaks for the pair. Both are 0 where none was measured.
-    """
-    added, bits = np.zeros(len(pairs[0])), np.zeros(len(pairs[0]))
-    measured = seen.moving[pairs[0]]
-    i, j = pairs[0][measured], pairs[1][measured]
-    offset, inverse = centre[0][measured], centre[1][measured]
-    planar = tracks.planar[j]
-    gain = planar[:, 2:, :2] @ inverse
-    spread = planar[:, 2:, 2:] + seen.velocity_covariance[i] - gain @ planar[:, :2, 2:]
-    surprise = seen.velocity[i] - tracks.mean[j, VELOCITY] - (gain @ offset[:, :, None])[:, :, 0]
-    added[measured] = quadratic_2x2(inverse_2x2(spread), surprise)
-    bits[measured] = np.log(determinant_2x2(spread)) - seen.stray_surprise[i]
-    return added, bits
+def _expected(tracks: Predicted) -> Expected:
+    return (
+        np.ascontiguousarray(tracks.mean),
+        np.ascontiguousarray(tracks.planar),
+        np.ascontiguousarray(tracks.axial),
+    )
 
 
 def centre_cost(

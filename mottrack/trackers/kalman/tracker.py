@@ -13,7 +13,7 @@ from mottrack.trackers.book import TrackBook, newborn
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
-from mottrack.trackers.kalman.matching import Predicted, match
+from mottrack.trackers.kalman.matching import Predicted, match, others
 from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
@@ -64,7 +64,7 @@ class KalmanTracker:
         rows, columns = self._match(seen, np.flatnonzero(active))
         self._correct(rows, columns, seen)
         record_hits(self._book, rows, seen.score[columns], seen.source[columns], stamp_ns)
-        self._bear(np.setdiff1d(np.arange(len(seen)), columns), seen, stamp_ns)
+        self._bear(others(len(seen), columns), seen, stamp_ns)
         tracks = self._put_out(self._life.shown(self._book, seen.label, stamp_ns), stamp_ns, unit_s)
         self._bury(self._life.alive(self._book, stamp_ns))
         return tracks
@@ -91,7 +91,7 @@ class KalmanTracker:
         return (stamp_ns - self._stamp_ns) * 1e-9
 
     def _predict(self, active: NDArray[np.bool_], duration: float) -> None:
-        process = self._table.rows(self._book.label).process
+        process = self._table.process[self._book.label]
         self._bank.predict(np.where(active, duration, 0.0), process)
 
     def _match(self, seen: Detections, active: I64) -> tuple[I64, I64]:
@@ -99,7 +99,8 @@ class KalmanTracker:
         tracks = Predicted(
             bank.mean, bank.planar_covariance(), bank.axial_variance(), self._book.label
         )
-        tracks = tracks.select(active)
+        if len(active) < len(bank):
+            tracks = tracks.select(active)
         rows, columns = match(seen, tracks, self.config, self._table.labels)
         if self.config.diagnose:
             self.nis = innovation_squared(seen, tracks, (columns, rows))
@@ -113,9 +114,10 @@ class KalmanTracker:
         self._turn(rows, seen.box[columns, YAW])
         bank.update_box(rows, residual, seen.position[columns], seen.axial[columns])
         moving = seen.moving[columns]
-        rows, columns = rows[moving], columns[moving]
-        believed = self._believable(rows, columns, seen)
-        self._correct_velocity(rows[believed], columns[believed], seen)
+        if moving.any():
+            rows, columns = rows[moving], columns[moving]
+            believed = self._believable(rows, columns, seen)
+            self._correct_velocity(rows[believed], columns[believed], seen)
 
     def _believable(self, rows: I64, columns: I64, seen: Detections) -> NDArray[np.bool_]:
         """Velocities within the gate of their tracks, (n,)."""
@@ -144,6 +146,8 @@ class KalmanTracker:
         lowest = self.config.life.birth_score
         if lowest is not None:
             columns = columns[seen.score[columns] >= lowest]
+        if len(columns) == 0:
+            return
         new = seen.select(columns)
         noise = self._table.rows(new.label)
         taken = new.moving & (self.config.velocity.birth == "replace")

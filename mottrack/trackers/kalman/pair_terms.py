@@ -1,0 +1,88 @@
+"""The Mahalanobis distance of listed pairs of detection and track, compiled."""
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.trackers.kalman.state import YAW
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+Observed = tuple[F64, F64, F64, F64, F64, NDArray[np.bool_], F64]
+"""box, position, axial, velocity, velocity_covariance, moving, stray_surprise of `Detections`."""
+Expected = tuple[F64, F64, F64]
+"""mean, planar, axial of `Predicted`."""
+
+LOG_2_PI = float(np.log(2.0 * np.pi))
+
+
+@numba.njit(cache=True)
+def pair_terms(
+    pairs: tuple[I64, I64], seen: Observed, tracks: Expected, how: tuple[int, int, float]
+) -> tuple[F64, F64]:
+    """Distance r' S^-1 r, and ln det (2 pi S) of the plane less a stray's, by pair, (P,) twice.
+
+    S = H P H' + R is taken block by block: (x, y), the box's numbers from `how[0]` up to `how[1]`,
+    and where a velocity was measured (d_x, d_y) given (x, y), which adds at most `how[2]`: 0
+    leaves velocities alone. A velocity that only this track explains speaks for the pair.
+    """
+    rows, columns = pairs
+    squared, spread = np.empty(len(rows)), np.empty(len(rows))
+    for p in range(len(rows)):
+        i, j = rows[p], columns[p]
+        first, last, limit = how
+        s = tracks[1][j][:2, :2] + seen[1][i]
+        dx, dy = seen[0][i, 0] - tracks[0][j, 0], seen[0][i, 1] - tracks[0][j, 1]
+        squared[p] = _quadratic(s, dx, dy)
+        spread[p] = 2.0 * LOG_2_PI + np.log(_determinant(s))
+        for k in range(first, last):
+            difference = seen[0][i, k] - tracks[0][j, k]
+            if k == YAW:
+                difference = _modulo_pi(difference)
+            squared[p] += difference**2 / (tracks[2][j, k - 2] + seen[2][i, k - 2])
+        if limit > 0.0 and seen[5][i]:
+            added, bits = _velocity_terms(seen, tracks, (i, j), (s, dx, dy))
+            squared[p] += min(added, limit)
+            spread[p] += bits - seen[6][i]
+    return squared, spread
+
+
+@numba.njit(cache=True)
+def _velocity_terms(
+    seen: Observed, tracks: Expected, pair: tuple[int, int], centre: tuple[F64, float, float]
+) -> tuple[float, float]:
+    """Of the velocity, given the centre with its S and residual: r' S^-1 r and ln det S."""
+    i, j = pair
+    s, dx, dy = centre
+    planar = tracks[1][j]
+    determinant = _determinant(s)
+    given = planar[2:, 2:] + seen[4][i]
+    r = np.empty(2)
+    gain = np.empty((2, 2))
+    for k in range(2):
+        x, y = planar[k + 2, 0], planar[k + 2, 1]
+        gain[k, 0] = (x * s[1, 1] - y * s[0, 1]) / determinant
+        gain[k, 1] = (y * s[0, 0] - x * s[0, 1]) / determinant
+        expected = tracks[0][j, k + 7] + gain[k, 0] * dx + gain[k, 1] * dy
+        r[k] = seen[3][i, k] - expected
+    for k in range(2):
+        for c in range(2):
+            given[k, c] -= gain[k, 0] * planar[0, c + 2] + gain[k, 1] * planar[1, c + 2]
+    return _quadratic(given, r[0], r[1]), np.log(_determinant(given))
+
+
+@numba.njit(cache=True)
+def _determinant(s: F64) -> float:
+    return float(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1])
+
+
+@numba.njit(cache=True)
+def _quadratic(s: F64, x: float, y: float) -> float:
+    """Quadratic form v' S^-1 v."""
+    return float((s[1, 1] * x * x - 2.0 * s[0, 1] * x * y + s[0, 0] * y * y) / _determinant(s))
+
+
+@numba.njit(cache=True)
+def _modulo_pi(angle: float) -> float:
+    """In [-pi/2, pi/2): a box says little of front and rear."""
+    return float((angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
