@@ -1,6 +1,6 @@
 """Truth, ICP, binary OGM and PillarFlow side by side in Middlebury colours (the paper, Fig. 4).
 
-    python benchmarks/flow_picture.py [--out flow.png] [--scenes 1,5] [--refined 1] [--quick]
+    python benchmarks/flow_picture.py [--out flow.png] [--scenes 0,7] [--refined 1] [--quick]
 
 Each line is one of the held-out scenes of `flow_tables.py`, by its number. Colour is direction,
 strength is speed; grey cells are at rest, light ones were not measured.
