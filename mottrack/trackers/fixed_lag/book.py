@@ -3,87 +3,111 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.objects import Objects
+from mottrack.trackers.fixed_lag.merge_split import HullList, flat
 from mottrack.trackers.fixed_lag.motion import F64
 
+I64 = NDArray[np.int64]
 
-@dataclass(slots=True)
-class Entry:
-    """One live track as it was last seen."""
-
-    id: int
-    label: str
-    score: float
-    size_m: F64
-    """(3,) length, width, height."""
-    yaw_rad: float
-    z_m: float
-    reference_m: F64
-    """(2,) measured position, to which the hull belongs."""
-    hull: F64 | None
-    """(K, 2)."""
-    hits: int
-    seen_ns: int
-    held_ns: int = -1
-    """Since when the track has been part of a merged cluster; -1 where it is not."""
-    split_ns: int = -1
-    """Since when the track has been seen in pieces; -1 where it is seen whole."""
+_ROW = np.dtype(
+    [
+        ("id", np.int64),
+        ("label", np.int64),  # number of the class name
+        ("score", np.float64),
+        ("size_m", np.float64, 3),
+        ("yaw_rad", np.float64),
+        ("z_m", np.float64),
+        ("reference_m", np.float64, 2),  # measured position, to which the hull belongs
+        ("hits", np.int64),
+        ("seen_ns", np.int64),
+        ("held_ns", np.int64),  # since when part of a merged cluster; -1 where it is not
+        ("split_ns", np.int64),  # since when seen in pieces; -1 where it is seen whole
+    ]
+)
 
 
 class TrackBook:
     """Live tracks by slot. Slots are reused, smallest first; identities never."""
 
     def __init__(self) -> None:
-        self.entries: dict[int, Entry] = {}
+        self._rows = np.zeros(0, _ROW)
+        self._alive = np.zeros(0, np.bool_)
+        self._hulls: list[F64 | None] = []
+        self._labels: dict[str, int] = {}
         self._free: list[int] = []
-        self._slots = 0
         self._ids = 0
 
-    def __len__(self) -> int:
-        return len(self.entries)
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """A column of the book by slot, (S, ...); rows of free slots mean nothing."""
+        return self._rows[name]
 
-    def slots(self) -> NDArray[np.int64]:
+    def slots(self) -> I64:
         """(N,) slots of all live tracks, ascending."""
-        return np.array(sorted(self.entries), np.int64)
+        return np.flatnonzero(self._alive)
 
-    def reserve(self, count: int) -> NDArray[np.int64]:
+    def reserve(self, count: int) -> I64:
         """(count,) free slots; those that get no entry must be handed back."""
-        taken = [heapq.heappop(self._free) if self._free else self._next() for _ in range(count)]
-        return np.array(taken, np.int64)
-
-    def _next(self) -> int:
-        self._slots += 1
-        return self._slots - 1
+        missing = count - len(self._free)
+        if missing > 0:
+            have = len(self._rows)
+            self._free += range(have, have + missing)
+            self._rows = np.concatenate([self._rows, np.zeros(missing, _ROW)])
+            self._alive = np.concatenate([self._alive, np.zeros(missing, np.bool_)])
+            self._hulls += [None] * missing
+        return np.array([heapq.heappop(self._free) for _ in range(count)], np.int64)
 
     def hand_back(self, slot: int) -> None:
         """Ends a track, or gives up a reserved slot."""
-        self.entries.pop(slot, None)
+        self._alive[slot] = False
+        self._hulls[slot] = None
         heapq.heappush(self._free, slot)
 
-    def see(self, slot: int, objects: Objects, row: int) -> None:
-        """Notes that the track in `slot` was seen as row `row`; a new slot begins a track."""
-        old = self.entries.get(slot)
-        if old is None:
-            self._ids += 1
-        self.entries[slot] = Entry(
-            id=self._ids if old is None else old.id,
-            label=str(objects.label[row]),
-            score=float(objects.score[row]),
-            size_m=objects.size_m[row],
-            yaw_rad=float(objects.yaw_rad[row]),
-            z_m=float(objects.centre_m[row, 2]),
-            reference_m=objects.centre_m[row, :2],
-            hull=None if objects.hull is None else objects.hull[row],
-            hits=1 if old is None else old.hits + 1,
-            seen_ns=objects.stamp_ns,
-            split_ns=-1 if old is None else old.split_ns,
-        )
+    def see(self, slots: I64, objects: Objects, rows: I64) -> None:
+        """Notes that the track in each slot (N,) was seen as an object; new slots begin tracks."""
+        fresh = ~self._alive[slots]
+        born = slots[fresh]
+        self._rows["id"][born] = self._ids + 1 + np.arange(len(born))
+        self._rows["hits"][born] = 0
+        self._rows["split_ns"][born] = -1
+        self._ids += len(born)
+        self._alive[slots] = True
+        seen = {
+            "label": self.label_numbers(objects.label)[rows],
+            "score": objects.score[rows],
+            "size_m": objects.size_m[rows],
+            "yaw_rad": objects.yaw_rad[rows],
+            "z_m": objects.centre_m[rows, 2],
+            "reference_m": objects.centre_m[rows, :2],
+            "hits": self._rows["hits"][slots] + 1,
+            "seen_ns": objects.stamp_ns,
+            "held_ns": -1,
+        }
+        for name, value in seen.items():
+            self._rows[name][slots] = value
+        for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):
+            self._hulls[slot] = None if objects.hull is None else objects.hull[row]
 
-    def labels(self, slots: NDArray[np.int64]) -> NDArray[np.str_]:
+    def label_numbers(self, labels: NDArray[np.str_]) -> I64:
+        """(M,) numbers of class names, as in the column "label"."""
+        names, which = np.unique(labels, return_inverse=True)
+        numbers = [self._labels.setdefault(str(name), len(self._labels)) for name in names]
+        return np.array(numbers, np.int64)[which]
+
+    def labels(self, slots: I64) -> NDArray[np.str_]:
         """(N,) class names."""
-        return np.array([self.entries[slot].label for slot in slots.tolist()], np.str_)
+        names = np.array(list(self._labels), np.str_)
+        return np.asarray(names[self._rows["label"][slots]])
+
+    def hulls_at(self, slots: I64, shift_m: F64) -> HullList | None:
+        """Last hulls, each moved by `shift_m` (N, 2); None where a track has none."""
+        hulls = [self._hulls[slot] for slot in slots.tolist()]
+        known = [hull for hull in hulls if hull is not None]
+        if len(known) < len(hulls):
+            return None
+        corner_m, start = flat(known)
+        return HullList(corner_m + np.repeat(shift_m, np.diff(start), axis=0), start)

@@ -211,9 +211,9 @@ def _moments(roots: F64) -> tuple[F64, F64, Mask]:
             continue
         sound[n] = True
         for i in range(6):
-            mean[n, i] = np.sum(inverse[i] * roots[n, :, 6])
+            mean[n, i] = _dot(inverse[i], roots[n, :, 6])
             for j in range(6):
-                covariance[n, i, j] = np.sum(inverse[i] * inverse[j])
+                covariance[n, i, j] = _dot(inverse[i], inverse[j])
             # a variance of 1e12 says that nothing is known
             sound[n] &= np.isfinite(mean[n, i]) and covariance[n, i, i] < 1e12
     return mean, covariance, sound
@@ -228,7 +228,14 @@ def _invert_triangular(root: F64, inverse: F64) -> bool:
             return False
         inverse[column, column] = 1.0 / root[column, column]
         for row in range(column - 1, -1, -1):
-            above = root[row, row + 1 : column + 1]
-            total = np.sum(above * inverse[row + 1 : column + 1, column])
+            total = _dot(root[row, row + 1 : column + 1], inverse[row + 1 : column + 1, column])
             inverse[row, column] = -total / root[row, row]
     return True
+
+
+@njit(cache=True)
+def _dot(one: F64, other: F64) -> float:
+    total = 0.0
+    for k in range(len(one)):
+        total += one[k] * other[k]
+    return total

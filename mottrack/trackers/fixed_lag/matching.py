@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mottrack.core.objects import Objects
-from mottrack.trackers.association import candidate_pairs, mahalanobis
+from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.fixed_lag.config import AssociationConfig
 from mottrack.trackers.fixed_lag.engine import Belief
 from mottrack.trackers.fixed_lag.motion import F64
+from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 
 I64 = NDArray[np.int64]
 
@@ -21,9 +21,21 @@ class Predicted(NamedTuple):
     """Tracks (N) carried to the stamp of the objects."""
 
     belief: Belief
-    labels: NDArray[np.str_]
+    label: I64
+    """(N,) numbers of the class names."""
     slack_m2: F64
     """(N,) variance that a young track's position gets if the flow that it began with was wrong."""
+
+
+class Seen(NamedTuple):
+    """Objects (M) that may belong to a track."""
+
+    xy_m: F64
+    """(M, 2)."""
+    label: I64
+    """(M,) numbers of the class names, as those of the tracks."""
+    covariance_m2: F64
+    """(M, 2, 2) of the positions."""
 
 
 class Matches(NamedTuple):
@@ -50,11 +62,11 @@ class _Pairs(NamedTuple):
     """`d^2 + log det S`, plus the price of doubt."""
 
 
-def match(tracks: Predicted, objects: Objects, noise: F64, config: AssociationConfig) -> Matches:
+def match(tracks: Predicted, objects: Seen, config: AssociationConfig) -> Matches:
     """Pairs predicted tracks (N) with objects (M) of the same label.
 
-    `noise` (M, 2, 2) is the covariance of the objects' positions. With "nearest", every object
-    asks for its nearest track and the nearest object of those that ask gets it. With "one_to_one"
+    With "nearest", every object asks for its nearest track and the nearest object of those that
+    ask gets it. With "one_to_one"
     the total of `-2 log(N(off; 0, S) / stray)` is least, where `stray` is the density of objects
     that belong to no track: a pair that is less likely than a chance object is not made, and a new
     track, which is unsure where it is, does not take a settled track's object.
@@ -62,7 +74,7 @@ def match(tracks: Predicted, objects: Objects, noise: F64, config: AssociationCo
     A flow that saw a fast object at rest would make its track look for it in the wrong place, so
     young tracks have a second hypothesis, at the price of its rarity: the flow was wrong.
     """
-    pairs = _candidates(tracks, objects, noise, config)
+    pairs = _candidates(tracks, objects, config)
     if config.rule == "nearest":
         kept = _nearest(pairs.track, pairs.object, pairs.distance)
     else:
@@ -71,24 +83,19 @@ def match(tracks: Predicted, objects: Objects, noise: F64, config: AssociationCo
     return Matches(pairs.track[kept], pairs.object[kept], pairs.distance[kept], pairs.doubt[kept])
 
 
-def _candidates(
-    tracks: Predicted, objects: Objects, noise: F64, config: AssociationConfig
-) -> _Pairs:
+def _candidates(tracks: Predicted, objects: Seen, config: AssociationConfig) -> _Pairs:
     """Pairs within the gates."""
-    labels = np.concatenate([tracks.labels, objects.label])
-    _, group = np.unique(labels, return_inverse=True)
-    group = group.astype(np.int64)
-    groups = (group[: len(tracks.labels)], group[len(tracks.labels) :])
-    xy_m = (tracks.belief.mean[:, :2], objects.centre_m[:, :2])
-    track, found = candidate_pairs(*xy_m, np.full(len(objects), config.gate_m), groups)
-    off = xy_m[1][found] - xy_m[0][track]
+    predicted_m = tracks.belief.mean[:, :2]
+    reach_m = np.full(len(objects.xy_m), config.gate_m)
+    labels = (tracks.label, objects.label)
+    track, found = candidate_pairs(predicted_m, objects.xy_m, reach_m, labels)
+    off = objects.xy_m[found] - predicted_m[track]
     near = np.einsum("pi,pi->p", off, off) <= config.gate_m**2
     track, found, off = track[near], found[near], off[near]
-    spread = tracks.belief.covariance[track, :2, :2] + noise[found]
+    spread = tracks.belief.covariance[track, :2, :2] + objects.covariance_m2[found]
     slack = tracks.slack_m2[track]
-    plain, wide = mahalanobis(off, spread), mahalanobis(off, spread + _isotropic(slack))
-    cost = plain**2 + np.log(np.linalg.det(spread))
-    doubted = wide**2 + np.log(np.linalg.det(spread + _isotropic(slack)))
+    plain, cost = _likelihood(off, spread)
+    wide, doubted = _likelihood(off, spread + slack[:, None, None] * np.eye(2))
     doubted -= 2.0 * np.log(config.flow_doubt)
     doubts = (slack > 0.0) & (doubted < cost)
     distance = np.where(doubts, wide, plain)
@@ -97,8 +104,10 @@ def _candidates(
     return _Pairs(track[kept], found[kept], distance[kept], doubt[kept], cost[kept])
 
 
-def _isotropic(variance: F64) -> F64:
-    return np.asarray(variance[:, None, None] * np.eye(2))
+def _likelihood(off: F64, covariance: F64) -> tuple[F64, F64]:
+    """Mahalanobis distance `d` (P,), and `d^2 + log det S` (P,)."""
+    squared = quadratic_2x2(inverse_2x2(covariance), off)
+    return np.sqrt(squared), squared + np.log(determinant_2x2(covariance))
 
 
 def _likeliest(cost: F64, pairs: tuple[I64, I64]) -> I64:

@@ -10,8 +10,10 @@ is no measurement; the tracks coast until the components part again, or until `h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,7 +27,26 @@ from mottrack.trackers.fixed_lag.config import MergeSplitConfig
 from mottrack.trackers.fixed_lag.motion import F64
 
 I64 = NDArray[np.int64]
-Hulls = tuple[F64, ...]
+
+
+class HullList(NamedTuple):
+    """Convex, counter-clockwise hulls of N things, one after the other."""
+
+    corner_m: F64
+    """(sum K, 2)."""
+    start: I64
+    """(N + 1,) first corner of each."""
+
+    def polygons(self) -> tuple[F64, ...]:
+        """The corners (K, 2) of each."""
+        return tuple(self.corner_m[a:b] for a, b in pairwise(self.start.tolist()))
+
+
+def flat(hulls: Sequence[F64]) -> HullList:
+    """Hulls (K, 2) in one list."""
+    start = np.zeros(len(hulls) + 1, np.int64)
+    np.cumsum([len(hull) for hull in hulls], out=start[1:])
+    return HullList(np.concatenate(hulls) if hulls else np.zeros((0, 2)), start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +87,31 @@ def no_overlaps(tracks: int, objects: int) -> Overlaps:
     return Overlaps(none, none, np.zeros(0), np.ones(tracks), np.ones(objects))
 
 
-def overlaps(tracks: Hulls, objects: Hulls) -> Overlaps:
-    """All overlapping pairs of two sets of convex, counter-clockwise hulls, in one frame."""
-    one, other = _flat(tracks), _flat(objects)
-    (area_one, box_one), (area_other, box_other) = _extents(*one), _extents(*other)
-    apart = (box_one[:, None, :2] > box_other[None, :, 2:]).any(axis=2)
-    apart |= (box_one[:, None, 2:] < box_other[None, :, :2]).any(axis=2)
-    track, found = np.nonzero(~apart)
-    area = _shared(*one, *other, (track, found))
+def overlaps(tracks: HullList, objects: HullList) -> Overlaps:
+    """All overlapping pairs of two sets of hulls, in one frame."""
+    (area_one, box_one), (area_other, box_other) = _extents(*tracks), _extents(*objects)
+    pairs = _near(box_one, box_other)
+    area = _shared(*tracks, *objects, pairs)
     kept = area > 0.0
-    return Overlaps(track[kept], found[kept], area[kept], area_one, area_other)
+    return Overlaps(pairs[0][kept], pairs[1][kept], area[kept], area_one, area_other)
 
 
-def _flat(hulls: Hulls) -> tuple[F64, I64]:
-    """(sum K, 2) corners of all hulls, and where each begins (N + 1,)."""
-    start = np.zeros(len(hulls) + 1, np.int64)
-    np.cumsum([len(hull) for hull in hulls], out=start[1:])
-    return (np.concatenate(hulls) if hulls else np.zeros((0, 2))), start
+@njit(cache=True)
+def _near(one: F64, other: F64) -> tuple[I64, I64]:
+    """Pairs whose bounds overlap, in the order of the first."""
+    first, second = np.empty(64, np.int64), np.empty(64, np.int64)
+    count = 0
+    for i in range(len(one)):
+        for j in range(len(other)):
+            apart = one[i, 0] > other[j, 2] or one[i, 2] < other[j, 0]
+            if apart or one[i, 1] > other[j, 3] or one[i, 3] < other[j, 1]:
+                continue
+            if count == len(first):
+                first = np.concatenate((first, np.empty_like(first)))
+                second = np.concatenate((second, np.empty_like(second)))
+            first[count], second[count] = i, j
+            count += 1
+    return first[:count], second[:count]
 
 
 @njit(cache=True)
@@ -126,9 +155,15 @@ def fragments(pairs: Overlaps, config: MergeSplitConfig) -> list[tuple[int, I64]
     best = order[first]
     small = pairs.object_area_m2[pairs.object[best]] < pairs.track_area_m2[pairs.track[best]]
     inside = best[(pairs.of_object[best] >= config.inside_share) & small]
-    owner = pairs.track[inside]
-    groups = [(int(track), pairs.object[inside[owner == track]]) for track in np.unique(owner)]
-    return [(track, group) for track, group in groups if len(group) > 1]
+    return _groups(pairs.track[inside], pairs.object[inside])
+
+
+def _groups(owner: I64, member: I64) -> list[tuple[int, I64]]:
+    """Owners with at least two members, and those."""
+    order = np.argsort(owner, kind="stable")
+    owners, first, count = np.unique(owner[order], return_index=True, return_counts=True)
+    members = np.split(member[order], first[1:])
+    return [(int(owners[k]), members[k]) for k in np.flatnonzero(count > 1).tolist()]
 
 
 def joined(
@@ -202,24 +237,21 @@ def merged(pairs: Overlaps, config: MergeSplitConfig) -> list[tuple[int, I64]]:
     """Objects that each swallowed at least two tracks, with the rows of those tracks."""
     covering = pairs.of_track >= config.inside_share
     found = []
-    for row in np.unique(pairs.object[covering]):
-        tracks = pairs.track[covering & (pairs.object == row)]
+    for row, tracks in _groups(pairs.object[covering], pairs.track[covering]):
         areas = pairs.track_area_m2[tracks]
         whole = pairs.object_area_m2[row]
         # tracks on top of each other are duplicates of one object, not neighbours
         apart = areas.sum() <= 1.2 * whole
-        if len(tracks) > 1 and apart and whole > config.growth * areas.max():
-            found.append((int(row), tracks))
+        if apart and whole > config.growth * areas.max():
+            found.append((row, tracks))
     return found
 
 
 def parents(pairs: Overlaps, born: I64, share: float) -> dict[int, int]:
     """The track whose predicted hull holds most of a new object, by row of the object."""
-    heirs: dict[int, int] = {}
-    for row in born.tolist():
-        mine = np.nonzero(pairs.object == row)[0]
-        if len(mine):
-            best = mine[pairs.of_object[mine].argmax()]
-            if pairs.of_object[best] >= share:
-                heirs[row] = int(pairs.track[best])
-    return heirs
+    new = np.zeros(len(pairs.object_area_m2), np.bool_)
+    new[born] = True
+    mine = np.flatnonzero(new[pairs.object] & (pairs.of_object >= share))
+    order = mine[np.lexsort((pairs.track[mine], -pairs.of_object[mine], pairs.object[mine]))]
+    rows, first = np.unique(pairs.object[order], return_index=True)
+    return dict(zip(rows.tolist(), pairs.track[order[first]].tolist(), strict=True))

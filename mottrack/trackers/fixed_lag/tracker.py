@@ -14,7 +14,7 @@ from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.book import TrackBook
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
 from mottrack.trackers.fixed_lag.engine import Belief, FixedLagEngine, SmoothedWindow
-from mottrack.trackers.fixed_lag.matching import Matches, Predicted, match
+from mottrack.trackers.fixed_lag.matching import Matches, Predicted, Seen, match
 from mottrack.trackers.fixed_lag.measurement import Measured, measured
 from mottrack.trackers.fixed_lag.merge_split import Overlaps
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
@@ -28,7 +28,7 @@ class _Known(NamedTuple):
 
     slots: I64
     belief: Belief
-    hulls: tuple[NDArray[np.float64], ...] | None
+    hulls: merge_split.HullList | None
     """Predicted hulls; None where tracks have none."""
 
 
@@ -85,51 +85,41 @@ class FixedLagTracker:
         Raises:
             InputError: no live track has that identity.
         """
-        for slot, entry in self._book.entries.items():
-            if entry.id == track_id:
-                return self._engine.smooth(slot, covariance)
-        live = sorted(entry.id for entry in self._book.entries.values())
-        raise InputError("track_id", track_id, f"one of {live}")
+        slots = self._book.slots()
+        live = self._book["id"][slots]
+        if track_id not in live:
+            raise InputError("track_id", track_id, f"one of {sorted(live.tolist())}")
+        return self._engine.smooth(int(slots[live == track_id][0]), covariance)
 
     def _known(self, stamp_ns: int) -> _Known:
         slots = self._book.slots()
         belief = self._engine.predicted(slots, stamp_ns)
-        hulls = []
-        for slot, centre_m in zip(slots.tolist(), belief.mean[:, :2], strict=True):
-            entry = self._book.entries[slot]
-            if entry.hull is None:
-                return _Known(slots, belief, None)
-            hulls.append(entry.hull + (centre_m - entry.reference_m))
-        return _Known(slots, belief, tuple(hulls))
+        moved_m = belief.mean[:, :2] - self._book["reference_m"][slots]
+        return _Known(slots, belief, self._book.hulls_at(slots, moved_m))
 
     def _without_fragments(self, known: _Known, objects: Objects) -> tuple[Objects, Overlaps]:
         """The objects with the pieces of one split object joined again, and their overlaps."""
         config = self.config.merge_split
         if not config.enabled or known.hulls is None or objects.hull is None:
             return objects, merge_split.no_overlaps(len(known.slots), len(objects))
-        pairs = merge_split.overlaps(known.hulls, objects.hull)
+        pairs = merge_split.overlaps(known.hulls, merge_split.flat(objects.hull))
         groups = self._recent(known, merge_split.fragments(pairs, config), objects.stamp_ns)
         whole = merge_split.joined(objects, groups, pairs.track_area_m2, config.growth)
         if whole is not objects and whole.hull is not None:
-            pairs = merge_split.overlaps(known.hulls, whole.hull)
+            pairs = merge_split.overlaps(known.hulls, merge_split.flat(whole.hull))
         return whole, pairs
 
     def _recent(
         self, known: _Known, groups: list[tuple[int, I64]], stamp_ns: int
     ) -> list[tuple[int, I64]]:
         """Groups of pieces that have not been apart for too long: then they are two objects."""
-        limit_ns = self.config.merge_split.hold_s * 1e9
-        kept = []
-        for track, group in groups:
-            entry = self._book.entries[int(known.slots[track])]
-            if entry.split_ns < 0:
-                entry.split_ns = stamp_ns
-            if stamp_ns - entry.split_ns <= limit_ns:
-                kept.append((track, group))
-        whole = set(range(len(known.slots))) - {track for track, _ in groups}
-        for track in whole:
-            self._book.entries[int(known.slots[track])].split_ns = -1
-        return kept
+        split_ns = self._book["split_ns"]
+        apart = known.slots[[track for track, _ in groups]]
+        split_ns[np.setdiff1d(known.slots, apart)] = -1
+        split_ns[apart] = np.where(split_ns[apart] < 0, stamp_ns, split_ns[apart])
+        since_ns = stamp_ns - split_ns[apart]
+        recent = since_ns <= self.config.merge_split.hold_s * 1e9
+        return [group for group, kept in zip(groups, recent, strict=True) if kept]
 
     def _hold_merged(self, known: _Known, pairs: Overlaps, stamp_ns: int) -> _Held:
         """Lets tracks coast that share one merged cluster, for a limited time."""
@@ -139,13 +129,13 @@ class FixedLagTracker:
             np.zeros(len(pairs.object_area_m2), np.bool_),
         )
         for row, tracks in merge_split.merged(pairs, config):
-            entries = [self._book.entries[int(slot)] for slot in known.slots[tracks]]
-            grown = [entry for entry in entries if entry.hits >= self.config.life.min_hits]
-            since_ns = [e.held_ns if e.held_ns >= 0 else stamp_ns for e in grown]
-            if len(grown) < 2 or stamp_ns - min(since_ns) > config.hold_s * 1e9:
+            slots = known.slots[tracks]
+            grown = slots[self._book["hits"][slots] >= self.config.life.min_hits]
+            held_ns = self._book["held_ns"][grown]
+            since_ns = np.where(held_ns >= 0, held_ns, stamp_ns)
+            if len(grown) < 2 or stamp_ns - since_ns.min() > config.hold_s * 1e9:
                 continue
-            for entry, start_ns in zip(grown, since_ns, strict=True):
-                entry.held_ns = start_ns
+            self._book["held_ns"][grown] = since_ns
             held.objects[row] = True
             held.tracks[tracks] = True
         return held
@@ -162,19 +152,21 @@ class FixedLagTracker:
         slots = known.slots[free]
         tracks = Predicted(
             Belief(known.belief.mean[free], known.belief.covariance[free]),
-            self._book.labels(slots),
+            self._book["label"][slots],
             self._slack_m2(slots, objects.stamp_ns),
         )
-        noise = measurements.position_covariance_m2[rows]
-        found = match(tracks, objects.select(rows), noise, self.config.association)
+        seen = Seen(
+            objects.centre_m[rows, :2],
+            self._book.label_numbers(objects.label)[rows],
+            measurements.position_covariance_m2[rows],
+        )
+        found = match(tracks, seen, self.config.association)
         return found._replace(track=free[found.track], object=rows[found.object])
 
     def _slack_m2(self, slots: I64, stamp_ns: int) -> NDArray[np.float64]:
         """(N,) how far young tracks may have gone if the flow that they began with was wrong."""
-        entries = [self._book.entries[slot] for slot in slots.tolist()]
-        limit = self.config.association.young_hits
-        young = np.array([entry.hits < limit for entry in entries], np.bool_)
-        dt_s = np.array([(stamp_ns - entry.seen_ns) * 1e-9 for entry in entries])
+        young = self._book["hits"][slots] < self.config.association.young_hits
+        dt_s = (stamp_ns - self._book["seen_ns"][slots]) * 1e-9
         reach_m = self.config.motion.birth_speed_sigma_mps * dt_s
         return np.where(young, reach_m**2, 0.0)
 
@@ -212,8 +204,7 @@ class FixedLagTracker:
         taken = self._engine.step(batch)
         for slot in slots[~taken & birth].tolist():
             self._book.hand_back(slot)
-        for slot, row in zip(slots[taken].tolist(), rows[taken].tolist(), strict=True):
-            self._book.see(slot, objects, row)
+        self._book.see(slots[taken], objects, rows[taken])
         return slots[taken]
 
     def _inherit(self, known: _Known, heirs: dict[int, int], measurements: Measured) -> Measured:
@@ -240,8 +231,8 @@ class FixedLagTracker:
         lost[matches.track] = False
         largest: dict[int, tuple[float, int]] = {}
         for row, track in heirs.items():
-            entry = self._book.entries[int(known.slots[track])]
-            if lost[track] and entry.hits >= self.config.life.min_hits:
+            hits = self._book["hits"][known.slots[track]]
+            if lost[track] and hits >= self.config.life.min_hits:
                 candidate = (float(pairs.object_area_m2[row]), row)
                 largest[track] = max(largest.get(track, candidate), candidate)
         adopted = {row: int(known.slots[track]) for track, (_, row) in largest.items()}
@@ -251,48 +242,42 @@ class FixedLagTracker:
 
     def _bury(self, stamp_ns: int) -> None:
         """Ends tracks that were not seen for too long; merged ones have their own limit."""
-        life, hold_s = self.config.life, self.config.merge_split.hold_s
-        for slot in self._book.slots().tolist():
-            entry = self._book.entries[slot]
-            limit_s = life.max_age_s + (hold_s if entry.held_ns >= 0 else 0.0)
-            if stamp_ns - entry.seen_ns > limit_s * 1e9:
-                self._engine.release(slot)
-                self._book.hand_back(slot)
+        slots, hold_s = self._book.slots(), self.config.merge_split.hold_s
+        held = self._book["held_ns"][slots] >= 0
+        limit_s = self.config.life.max_age_s + np.where(held, hold_s, 0.0)
+        unseen_ns = stamp_ns - self._book["seen_ns"][slots]
+        for slot in slots[unseen_ns > limit_s * 1e9].tolist():
+            self._engine.release(slot)
+            self._book.hand_back(slot)
 
     def _published(self, stamp_ns: int, seen: I64) -> Tracks:
         """Tracks with enough hits, at the stamp; coasting ones where the settings say so."""
-        slots = self._book.slots()
-        life = self.config.life
+        book, life = self._book, self.config.life
+        slots = book.slots()
         observed = np.isin(slots, seen)
-        old = np.array([self._book.entries[s].hits >= life.min_hits for s in slots.tolist()], bool)
-        shown = old & (observed | life.publish_coasting)
+        shown = (book["hits"][slots] >= life.min_hits) & (observed | life.publish_coasting)
         slots, observed = slots[shown], observed[shown]
         if len(slots) == 0:
             return Tracks.empty(stamp_ns, dimensions=6)
-        entries = [self._book.entries[slot] for slot in slots.tolist()]
         belief = self._engine.predicted(slots, stamp_ns)
-        moved_m = belief.mean[:, :2] - np.array([entry.reference_m for entry in entries])
-        hulls = [e.hull for e in entries if e.hull is not None]
-        hull = None
-        if len(hulls) == len(entries):
-            # a hull just measured stays where it was measured
-            shift_m = np.where(observed[:, None], 0.0, moved_m)
-            hull = tuple(h + shift for h, shift in zip(hulls, shift_m, strict=True))
+        moved_m = belief.mean[:, :2] - book["reference_m"][slots]
+        # a hull just measured stays where it was measured
+        hulls = book.hulls_at(slots, np.where(observed[:, None], 0.0, moved_m))
         return Tracks(
             stamp_ns=stamp_ns,
             frame="world",
-            centre_m=np.column_stack([belief.mean[:, :2], [entry.z_m for entry in entries]]),
-            size_m=np.array([entry.size_m for entry in entries]),
-            yaw_rad=np.array([entry.yaw_rad for entry in entries]),
-            label=np.array([entry.label for entry in entries], np.str_),
-            id=np.array([entry.id for entry in entries], np.int64),
-            score=np.array([entry.score for entry in entries]),
+            centre_m=np.column_stack([belief.mean[:, :2], book["z_m"][slots]]),
+            size_m=book["size_m"][slots],
+            yaw_rad=book["yaw_rad"][slots],
+            label=book.labels(slots),
+            id=book["id"][slots],
+            score=book["score"][slots],
             velocity_mps=belief.mean[:, 2:4],
             velocity_covariance_m2ps2=belief.covariance[:, 2:4, 2:4],
             state=belief.mean,
             covariance=belief.covariance,
             observed=observed,
-            hull=hull,
+            hull=None if hulls is None else hulls.polygons(),
         )
 
 
