@@ -1,24 +1,24 @@
 """mottrack: multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.
 
-``import mottrack`` needs numpy alone; each room (``datasets``, ``flow``, ``objects``,
-``trackers``, ``eval``) brings in its own dependencies where it is used, and so does ``Pipeline``.
+``import mottrack`` costs nothing: each name is brought in when it is first used. The types need
+numpy alone; each room (``datasets``, ``flow``, ``objects``, ``trackers``, ``eval``) brings in its
+own dependencies where it is used, and so does ``Pipeline``.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from mottrack.core import (
-    BevGrid,
-    FlowField,
-    Objects,
-    Pose,
-    SceneResult,
-    Sweep,
-    Tracks,
-    VelocityMeasurement,
-)
-
 if TYPE_CHECKING:
+    from mottrack.core import (
+        BevGrid,
+        FlowField,
+        Objects,
+        Pose,
+        SceneResult,
+        Sweep,
+        Tracks,
+        VelocityMeasurement,
+    )
     from mottrack.pipeline.stream import Pipeline
 
 __version__ = "0.1.0"
@@ -37,6 +37,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name == "Pipeline":
-        return import_module("mottrack.pipeline.stream").Pipeline
-    raise AttributeError(f"module 'mottrack' has no attribute '{name}'")
+    if name not in __all__:
+        raise AttributeError(f"module 'mottrack' has no attribute '{name}'")
+    home = "mottrack.pipeline.stream" if name == "Pipeline" else "mottrack.core"
+    value = globals()[name] = getattr(import_module(home), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
