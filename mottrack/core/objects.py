@@ -276,7 +276,17 @@ def _checked_hull(hull: Hulls | None, n: int) -> Hulls | None:
         return None
     if len(hull) != n:
         raise InputError("length of hull", len(hull), str(n))
-    return tuple(as_array(f"hull[{i}]", h, np.float64, (None, 2)) for i, h in enumerate(hull))
+    return tuple(
+        h if _is_checked(h) else as_array(f"hull[{i}]", h, np.float64, (None, 2))
+        for i, h in enumerate(hull)
+    )
+
+
+def _is_checked(hull: NDArray[np.float64]) -> bool:
+    """Whether `as_array` would return the same; hundreds of hulls pass through every frame."""
+    if not isinstance(hull, np.ndarray) or hull.flags.writeable or hull.dtype != np.float64:
+        return False
+    return hull.ndim == 2 and hull.shape[1] == 2
 
 
 def _moved_hull(hull: Hulls | None, centre_m: NDArray[np.float64], b_T_a: Pose) -> Hulls | None:

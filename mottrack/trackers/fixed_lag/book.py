@@ -110,4 +110,6 @@ class TrackBook:
         if len(known) < len(hulls):
             return None
         corner_m, start = flat(known)
-        return HullList(corner_m + np.repeat(shift_m, np.diff(start), axis=0), start)
+        moved_m = corner_m + np.repeat(shift_m, np.diff(start), axis=0)
+        moved_m.flags.writeable = False
+        return HullList(moved_m, start)
