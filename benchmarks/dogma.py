@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma import filter as phases
+from mottrack.flow.dogma.births import TRIES
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig
 from mottrack.flow.dogma.measurement_grid import MeasurementGrid, SensorConfig, measure
 from mottrack.flow.dogma.returns import Returns, returns_of
@@ -147,18 +148,33 @@ class NumpyFilter:
         return np.stack([vx, vy], axis=-1).reshape(*window.shape, 2)
 
     def _births(self, born: Grid, uncovered: Grid) -> tuple[Grid, NDArray[np.float64]]:
-        number, prior = self.config.births, self.config.birth
-        mass = born.sum()
+        number, prior, mass = self.config.births, self.config.birth, born.sum()
         chosen = np.searchsorted(
             np.cumsum(born), (np.arange(number) + self.rng.random()) / number * mass
         ).clip(max=CELLS * CELLS - 1)
+        rest_share = prior.rest_share * uncovered.ravel()[chosen]
+        state = np.zeros((4, number), np.float32)
+        again = np.ones(number, np.bool_)
+        for _ in range(TRIES):
+            drawn = self._born_at(chosen, rest_share)
+            state[:, again] = drawn[:, again]
+            again &= self.rng.random(number) < self._free_before(state)
+        return state, np.full(number, mass / number)
+
+    def _born_at(self, chosen: NDArray[np.int64], rest_share: NDArray[np.float64]) -> Grid:
+        number, prior = len(chosen), self.config.birth
         place = np.stack([chosen % CELLS, chosen // CELLS]) + self.rng.random((2, number))
         slow = self.rng.random(number) < prior.slow_share
         spread = np.where(slow, prior.slow_mps, prior.fast_mps)
-        spread[self.rng.random(number) < prior.rest_share * uncovered.ravel()[chosen]] = 0
+        spread[self.rng.random(number) < rest_share] = 0
         v = self.rng.standard_normal((2, number)) * spread
-        state = np.concatenate([place * CELL_M, v]).astype(np.float32)
-        return state, np.full(number, mass / number)
+        return np.concatenate([place * CELL_M, v]).astype(np.float32)
+
+    def _free_before(self, state: Grid) -> Grid:
+        col, row = np.floor((state[:2] - DT_S * state[2:]) / CELL_M).astype(int)
+        inside = (row >= 0) & (row < CELLS) & (col >= 0) & (col < CELLS)
+        free = np.where(inside, self.free[row.clip(0, CELLS - 1), col.clip(0, CELLS - 1)], 0)
+        return np.where((state[2:] != 0).any(axis=0), free, 0)
 
     def _resample(self, weight: Grid, births: tuple[Grid, NDArray[np.float64]]) -> None:
         joint = np.concatenate([weight, births[1]])

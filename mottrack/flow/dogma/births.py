@@ -1,4 +1,8 @@
-"""New-born particles: where occupancy appeared, at rest, slow or fast."""
+"""New-born particles: where occupancy appeared, at rest, slow or fast.
+
+Whatever appears was somewhere before. A velocity that would have brought it out of space known to
+be free is drawn anew, so that the front of a moving thing gives birth to velocities that keep up.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,9 @@ from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Span, Workers
 
+TRIES = 4
+"""A velocity is drawn at most so often."""
+
 
 class BirthConfig(StrictModel):
     """Velocity of new-born particles: at rest, or one of two zero-mean normal distributions."""
@@ -23,6 +30,15 @@ class BirthConfig(StrictModel):
     slow_share: float = Field(0.4, ge=0, le=1, description="share of slow particles in the rest")
     slow_mps: float = Field(1.0, ge=0, description="standard deviation per axis, slow particles")
     fast_mps: float = Field(12.0, ge=0, description="standard deviation per axis, fast particles")
+
+
+class Past(NamedTuple):
+    """What was known before the last prediction."""
+
+    free: NDArray[np.float32]
+    """(rows, cols) free mass, on the present window."""
+    dt_s: np.float32
+    """How long ago that was."""
 
 
 class VelocityPrior(NamedTuple):
@@ -34,13 +50,14 @@ class VelocityPrior(NamedTuple):
     """Share of slow particles among those that move."""
     slow_mps: np.float32
     fast_mps: np.float32
+    past: Past
 
     @classmethod
-    def of(cls, config: BirthConfig, uncovered: NDArray[np.float32]) -> VelocityPrior:
+    def of(cls, config: BirthConfig, uncovered: NDArray[np.float32], past: Past) -> VelocityPrior:
         """Only the `uncovered` share (rows, cols) of the births may be at rest."""
         values = (config.slow_share, config.slow_mps, config.fast_mps)
         rest = np.float32(config.rest_share) * uncovered.ravel()
-        return cls(rest, *(np.float32(value) for value in values))
+        return cls(rest, *(np.float32(value) for value in values), past)
 
 
 class Births(NamedTuple):
@@ -97,17 +114,41 @@ def _spread(
     born: Particles,
 ) -> None:
     prior, key = source
-    cell_m = np.float32(window.cell_m)
     for cell in range(cells[0], cells[1]):
-        row, col = cell // window.cols, cell % window.cols
-        rest = prior.rest[cell]
         for i in range(start[cell], start[cell + 1]):
-            bits = draw(key, np.uint64(i))
-            pick = uniform_level(bits, 2)
-            limit = rest + (np.float32(1) - rest) * prior.slow
-            spread_mps = prior.slow_mps if pick < limit else prior.fast_mps
-            spread_mps = np.float32(0) if pick < rest else spread_mps
-            born.x_m[i] = (col + uniform_level(bits, 0)) * cell_m
-            born.y_m[i] = (row + uniform_level(bits, 1)) * cell_m
-            born.vx_mps[i] = spread_mps * normal_level(bits, 3)
-            born.vy_mps[i] = spread_mps * normal_level(bits, 4)
+            for attempt in range(TRIES):
+                bits = draw(key, np.uint64(i * TRIES + attempt))
+                _place(i, cell, bits, (window, prior), born)
+                if uniform_level(draw(key, bits), 0) >= _free_before(i, born, window, prior.past):
+                    break
+
+
+@njit(cache=True, nogil=True)
+def _place(
+    i: int, cell: int, bits: np.uint64, drawn_from: tuple[Window, VelocityPrior], born: Particles
+) -> None:
+    """Draws particle i of a cell."""
+    window, prior = drawn_from
+    pick, rest = uniform_level(bits, 2), prior.rest[cell]
+    limit = rest + (np.float32(1) - rest) * prior.slow
+    spread_mps = prior.slow_mps if pick < limit else prior.fast_mps
+    spread_mps = np.float32(0) if pick < rest else spread_mps
+    cell_m = np.float32(window.cell_m)
+    born.x_m[i] = (cell % window.cols + uniform_level(bits, 0)) * cell_m
+    born.y_m[i] = (cell // window.cols + uniform_level(bits, 1)) * cell_m
+    born.vx_mps[i] = spread_mps * normal_level(bits, 3)
+    born.vy_mps[i] = spread_mps * normal_level(bits, 4)
+
+
+@njit(cache=True, nogil=True)
+def _free_before(i: int, born: Particles, window: Window, past: Past) -> np.float32:
+    """Free mass of the cell that a moving particle i came from; 0 at rest or from outside."""
+    vx, vy = born.vx_mps[i], born.vy_mps[i]
+    if (vx == 0) & (vy == 0):
+        return np.float32(0)
+    per_m = np.float32(1.0 / window.cell_m)
+    col = int(np.floor((born.x_m[i] - vx * past.dt_s) * per_m))
+    row = int(np.floor((born.y_m[i] - vy * past.dt_s) * per_m))
+    if 0 <= row < window.rows and 0 <= col < window.cols:
+        return past.free[row, col]
+    return np.float32(0)

@@ -10,7 +10,13 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
 from mottrack.flow.dogma.assign import assign
-from mottrack.flow.dogma.births import BirthConfig, VelocityPrior, allot, give_birth
+from mottrack.flow.dogma.births import (
+    BirthConfig,
+    Past,
+    VelocityPrior,
+    allot,
+    give_birth,
+)
 from mottrack.flow.dogma.measurement_grid import MeasurementGrid
 from mottrack.flow.dogma.moments import Moments, velocity_moments
 from mottrack.flow.dogma.noise import stream, uniform
@@ -99,7 +105,8 @@ class DynamicGridFilter:
             self._workers,
         )
         births = allot(split.born, self.config.births, self._key(_ALLOT))
-        velocity = VelocityPrior.of(self.config.birth, split.uncovered)
+        past = Past(self._masses.free, np.float32(dt_s))
+        velocity = VelocityPrior.of(self.config.birth, split.uncovered, past)
         born = give_birth(births, window, velocity, self._key(_BIRTH), self._workers)
         moments = velocity_moments(self._particles, assignment, window.shape, self._workers)
         self._mass_each = resample(

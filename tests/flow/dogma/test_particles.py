@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mottrack.flow.dogma.assign import assign
-from mottrack.flow.dogma.births import BirthConfig, Births, VelocityPrior, allot, give_birth
+from mottrack.flow.dogma.births import (
+    TRIES,
+    BirthConfig,
+    Births,
+    Past,
+    VelocityPrior,
+    allot,
+    give_birth,
+)
 from mottrack.flow.dogma.moments import velocity_moments
 from mottrack.flow.dogma.noise import stream, uniform
 from mottrack.flow.dogma.particles import Particles
@@ -19,6 +27,7 @@ from mottrack.flow.dogma.workers import Workers
 
 ONE = Workers(1)
 WINDOW = Window.around(0.0, 0.0, 6, 0.5)
+UNKNOWN = Past(np.zeros((6, 6), np.float32), np.float32(0.1))
 
 
 def scattered(count, seed=0, spread_m=4.0):
@@ -114,9 +123,8 @@ def test_births_lie_in_their_cell_and_rest_only_where_uncovered():
     uncovered = np.zeros((6, 6), np.float32)
     uncovered[1, 2] = 1
     config = BirthConfig(rest_share=0.5, slow_share=0.4, slow_mps=1.0, fast_mps=12.0)
-    born = give_birth(
-        Births(start, 1.0), WINDOW, VelocityPrior.of(config, uncovered), stream(3, 0, 1), ONE
-    )
+    prior = VelocityPrior.of(config, uncovered, UNKNOWN)
+    born = give_birth(Births(start, 1.0), WINDOW, prior, stream(3, 0, 1), ONE)
     cell = cell_of(born)
     assert (cell[:40_000] == 8).all()
     assert (cell[40_000:] == 21).all()
@@ -128,10 +136,30 @@ def test_births_lie_in_their_cell_and_rest_only_where_uncovered():
     np.testing.assert_allclose(born.vx_mps[40_000:].var(dtype=np.float64), mixture, rtol=0.05)
 
 
+def test_nothing_new_comes_out_of_free_space_unless_every_draw_did():
+    start = np.zeros(37, np.int64)
+    start[22:] = 100_000
+    free = np.ones((6, 6), np.float32)
+    free[3, :3] = 0  # something was to the left of cell 21, which is free itself
+
+    def share_from_free(past):
+        prior = VelocityPrior.of(BirthConfig(), np.zeros((6, 6), np.float32), past)
+        born = give_birth(Births(start, 1.0), WINDOW, prior, stream(1, 2, 3), ONE)
+        came_from = born._replace(
+            x_m=born.x_m - born.vx_mps * past.dt_s, y_m=born.y_m - born.vy_mps * past.dt_s
+        )
+        return np.append(free.ravel(), 0)[cell_of(came_from)].mean()
+
+    once = share_from_free(UNKNOWN)
+    assert 0.5 < once < 0.9
+    often = share_from_free(Past(free, np.float32(0.1)))
+    np.testing.assert_allclose(often, once**TRIES, rtol=0.05)
+
+
 def candidates(count, births):
     particles = scattered(count)
     assignment = assign(particles, WINDOW, WINDOW, ONE)
-    prior = VelocityPrior.of(BirthConfig(), np.ones((6, 6), np.float32))
+    prior = VelocityPrior.of(BirthConfig(), np.ones((6, 6), np.float32), UNKNOWN)
     born = give_birth(births, WINDOW, prior, stream(0, 0, 1), ONE)
     return Candidates(particles, assignment, born, births)
 
