@@ -55,9 +55,13 @@ class VelocityPrior(NamedTuple):
     @classmethod
     def of(cls, config: BirthConfig, uncovered: NDArray[np.float32], past: Past) -> VelocityPrior:
         """Only the `uncovered` share (rows, cols) of the births may be at rest."""
-        values = (config.slow_share, config.slow_mps, config.fast_mps)
-        rest = np.float32(config.rest_share) * uncovered.ravel()
-        return cls(rest, *(np.float32(value) for value in values), past)
+        return cls(
+            np.float32(config.rest_share) * uncovered.ravel(),
+            np.float32(config.slow_share),
+            np.float32(config.slow_mps),
+            np.float32(config.fast_mps),
+            past,
+        )
 
 
 class Births(NamedTuple):
@@ -150,5 +154,6 @@ def _free_before(i: int, born: Particles, window: Window, past: Past) -> np.floa
     col = int(np.floor((born.x_m[i] - vx * past.dt_s) * per_m))
     row = int(np.floor((born.y_m[i] - vy * past.dt_s) * per_m))
     if 0 <= row < window.rows and 0 <= col < window.cols:
-        return past.free[row, col]
+        free: np.float32 = past.free[row, col]
+        return free
     return np.float32(0)
