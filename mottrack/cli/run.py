@@ -14,6 +14,10 @@ Overrides = Annotated[
     list[str] | None, typer.Argument(help="key=value ...; flow=zero,icp makes a sweep")
 ]
 Out = Annotated[Path, typer.Option("--out", help="folder for results; may hold an earlier part")]
+Baseline = Annotated[
+    str | None,
+    typer.Option("--baseline", help="run that the others are compared with; the first one"),
+]
 Workers = Annotated[int, typer.Option("--workers", min=0, help="processes; 0: one a core")]
 
 
@@ -30,9 +34,16 @@ def run(config: Config, overrides: Overrides = None, *, out: Out, workers: Worke
     _run(config, overrides or [], out, workers)
 
 
-def compare(config: Config, overrides: Overrides = None, *, out: Out, workers: Workers = 0) -> None:
-    """Run several flow sources and trackers, and say in one table what each was worth."""
-    _run(config, overrides or [], out, workers)
+def compare(
+    config: Config,
+    overrides: Overrides = None,
+    *,
+    out: Out,
+    workers: Workers = 0,
+    baseline: Baseline = None,
+) -> None:
+    """Run several flow sources and trackers; say what each was worth, and what of it is real."""
+    _run(config, overrides or [], out, workers, baseline)
 
 
 def demo(
@@ -58,15 +69,22 @@ def list_parts(
         typer.echo(f"{name:{width}}  {summary}")
 
 
-def _run(config: str, overrides: list[str], out: Path, workers: int) -> None:
+def _run(
+    config: str, overrides: list[str], out: Path, workers: int, baseline: str | None = None
+) -> None:
+    from mottrack.formats.text_table import write_tables
     from mottrack.pipeline.comparison import run_comparison
+    from mottrack.pipeline.comparison_tables import comparison_tables
     from mottrack.pipeline.experiment import load_experiments
     from mottrack.pipeline.terminal import TerminalProgress, print_comparison
     from mottrack.report.page import write_report
 
     experiments = load_experiments(config, overrides)
     with TerminalProgress() as progress:
-        comparison = run_comparison(experiments, out, workers=workers, progress=progress)
+        comparison = run_comparison(
+            experiments, out, workers=workers, progress=progress, baseline=baseline
+        )
+    write_tables(comparison_tables(comparison), out / "tables")
     print_comparison(comparison)
     if any(run.report.finished for run in comparison.runs):
         write_report(comparison, out / "report.html")

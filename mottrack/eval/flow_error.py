@@ -46,13 +46,13 @@ def flow_error(samples: FlowSamples) -> FlowError:
         return FlowError(0, *(6 * [float("nan")]))
     estimate = samples.estimate_mps.astype(np.float64)
     truth = samples.truth_mps.astype(np.float64)
-    dt = samples.dt_s.astype(np.float64)[:, None]
+    dt_s = samples.dt_s.astype(np.float64)
     speed_error = np.linalg.norm(estimate - truth, axis=1)
     return FlowError(
         cells=len(samples),
         measured=float(samples.valid.mean()),
-        rmse_m=_root_mean_square(speed_error * dt[:, 0]),
-        aae_rad=float(_angle(estimate * dt, truth * dt).mean()),
+        rmse_m=_root_mean_square(speed_error * dt_s),
+        aae_rad=float(angular_error(samples).mean()),
         rmse_mps=_root_mean_square(speed_error),
         median_mps=float(np.median(speed_error)),
         within_1_mps=float((speed_error <= 1.0).mean()),
@@ -100,10 +100,11 @@ def _root_mean_square(value: F64) -> float:
     return float(np.sqrt(np.mean(value**2)))
 
 
-def _angle(a: F64, b: F64) -> F64:
-    """Angle between (a, 1) and (b, 1), by atan2 so that small angles keep their digits."""
-    u = np.column_stack([a, np.ones(len(a))])
-    v = np.column_stack([b, np.ones(len(b))])
+def angular_error(samples: FlowSamples) -> F64:
+    """(K,) angle between (f, 1) and (f_true, 1); by atan2: small angles keep their digits."""
+    dt_s = samples.dt_s.astype(np.float64)[:, None]
+    u = np.column_stack([samples.estimate_mps * dt_s, np.ones(len(samples))])
+    v = np.column_stack([samples.truth_mps * dt_s, np.ones(len(samples))])
     across = np.linalg.norm(np.cross(u, v), axis=1)
     angle: F64 = np.arctan2(across, (u * v).sum(axis=1))
     return angle

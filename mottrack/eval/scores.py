@@ -47,6 +47,13 @@ class ScoreConfig(StrictModel):
     )
     velocity: VelocityErrorConfig = VelocityErrorConfig()
 
+    @property
+    def gate(self) -> float:
+        """Pairs whose distance (metres, or 1 - IoU) is below this may match."""
+        if self.match_by == "iou":
+            return float(np.nextafter(1.0 - self.match_iou, 2.0))
+        return self.match_distance_m
+
 
 @dataclass(frozen=True, slots=True)
 class ClassScores:
@@ -130,7 +137,7 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
     """
     config = config or ScoreConfig()
     results = [result.where_labelled() for result in results]
-    labels = _labels(results)
+    labels = counted_labels(results)
     told_apart = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
     if config.class_agnostic or not told_apart:
         return _scores(results, _class_scores(results, Cut(""), config), {}, config)
@@ -141,7 +148,7 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
         return _scores(results, _class_scores(results, Cut(""), config), {}, config)
     classes = {}
     for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
-        cut = Cut(label, _threshold(figures.curves[label], config), range_m)
+        cut = Cut(label, best_threshold(figures.curves[label], config), range_m)
         counted = _class_scores(results, cut, config)
         official = figures.classes[label]
         classes[label] = replace(counted, amota=official["amota"], amotp_m=official["amotp"])
@@ -166,7 +173,7 @@ def _scores(
     return Scores(overall, classes, velocity, flow_table(flow) if flow else {})
 
 
-def _labels(results: Iterable[SceneResult]) -> list[str]:
+def counted_labels(results: Iterable[SceneResult]) -> list[str]:
     """The classes that count: those of the data set, else those in truth or tracks; in order."""
     listed = list(results)
     declared = {name for result in listed for name in result.classes}
@@ -174,7 +181,7 @@ def _labels(results: Iterable[SceneResult]) -> list[str]:
     return sorted(declared & found if declared else found)
 
 
-def _threshold(curves: Curves, config: ScoreConfig) -> float:
+def best_threshold(curves: Curves, config: ScoreConfig) -> float:
     """The given least score, or that of the level with the best MOTA."""
     if config.min_score is not None:
         return config.min_score
@@ -185,8 +192,7 @@ def _threshold(curves: Curves, config: ScoreConfig) -> float:
 
 
 def _class_scores(results: Iterable[SceneResult], cut: Cut, config: ScoreConfig) -> ClassScores:
-    parts = [_scene_scores(scene_pairs(r, cut, config), config) for r in results]
-    return _together(parts)
+    return _together(scene_scores(result, cut, config) for result in results)
 
 
 def scene_pairs(result: SceneResult, cut: Cut, config: ScoreConfig) -> Pairs:
@@ -245,11 +251,10 @@ def _rows(table: BoxTable, label: str) -> BoxTable:
     return table.select(rows[np.argsort(table.frame[rows], kind="stable")])
 
 
-def _scene_scores(pairs: Pairs, config: ScoreConfig) -> ClassScores:
-    gate = config.match_distance_m
-    if config.match_by == "iou":
-        gate = float(np.nextafter(1.0 - config.match_iou, 2.0))
-    near = pairs.within(gate)
+def scene_scores(result: SceneResult, cut: Cut, config: ScoreConfig) -> ClassScores:
+    """Figures of one scene and class; counts add up over scenes."""
+    pairs = scene_pairs(result, cut, config)
+    near = pairs.within(config.gate)
     counts = clear.clear_counts(near, clear.associate(near))
     return ClassScores(counts, identity.identity_counts(near), hota.hota_counts(pairs))
 

@@ -18,7 +18,9 @@ The error is |v_track - v_true| over the ground, in m/s. Categories overlap:
 5 % of the rows (at least one row) and the 95th percentile (linear interpolation).
 """
 
-from collections.abc import Collection, Iterable
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +84,14 @@ class VelocitySamples:
     """(N,) 0 for a track without an object."""
     label: NDArray[np.str_]
     """(N,) class of the object, "" for a track without one."""
+
+    @classmethod
+    def stacked(cls, parts: Sequence[VelocitySamples]) -> VelocitySamples:
+        """The samples of all parts, in order."""
+        if not parts:
+            return cls(np.zeros(0), np.zeros(0), np.zeros(0, np.str_))
+        columns = ("error_mps", "true_speed_mps", "label")
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in columns))
 
 
 def velocity_samples(
@@ -156,11 +166,16 @@ def velocity_table(
     Where `classes` are given, objects of other labels (an animal, a thrown ball: what no detector
     reports) share one row at the end.
     """
-    config = config or VelocityErrorConfig()
-    parts = list(samples)
-    error = np.concatenate([p.error_mps for p in parts]) if parts else np.zeros(0)
-    speed = np.concatenate([p.true_speed_mps for p in parts]) if parts else np.zeros(0)
-    label = np.concatenate([p.label for p in parts]) if parts else np.zeros(0, np.str_)
+    together = VelocitySamples.stacked(list(samples))
+    masks = category_masks(together, config or VelocityErrorConfig(), classes)
+    return {name: error_row(together.error_mps[mask]) for name, mask in masks.items()}
+
+
+def category_masks(
+    samples: VelocitySamples, config: VelocityErrorConfig, classes: Collection[str] = ()
+) -> dict[str, NDArray[np.bool_]]:
+    """Row of the table to the samples (N,) that belong to it."""
+    speed, label = samples.true_speed_mps, samples.label
     has = label != ""
     moving = has & (speed > config.stationary_mps)
     masks = (
@@ -170,13 +185,12 @@ def velocity_table(
         moving & (speed <= FAST_MPS),
         moving & (speed >= FAST_MPS),
     )
-    table = {name: error_row(error[mask]) for name, mask in zip(CATEGORIES, masks, strict=True)}
-    table["all"] = error_row(error)
+    table = dict(zip(CATEGORIES, masks, strict=True)) | {"all": np.ones(len(label), np.bool_)}
     found = [str(name) for name in np.unique(label[has])]
     listed = [name for name in found if not classes or name in classes]
-    table |= {name: error_row(error[label == name]) for name in listed}
+    table |= {name: label == name for name in listed}
     if len(listed) < len(found):
-        table[OTHER] = error_row(error[has & ~np.isin(label, listed)])
+        table[OTHER] = has & ~np.isin(label, listed)
     return table
 
 

@@ -1,4 +1,4 @@
-"""Runs one experiment or a sweep of them, scores each, and keeps all figures in one file."""
+"""Runs one experiment or a sweep of them, scores each, and says which differences are real."""
 
 from __future__ import annotations
 
@@ -14,9 +14,15 @@ from mottrack.core.result import SceneResult
 from mottrack.core.storage import write_text
 from mottrack.eval.scores import Scores, score
 from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
+from mottrack.pipeline.differences import (
+    Contender,
+    RunDifferences,
+    check_baseline,
+    find_differences,
+)
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.run_folder import RunFolder
-from mottrack.pipeline.runner import RunReport, run_experiment
+from mottrack.pipeline.runner import Job, RunReport, run_jobs
 from mottrack.pipeline.workers import Progress, available_cores
 
 
@@ -30,6 +36,16 @@ class ScoredRun:
     scores: Scores
     stage_ms: dict[str, float]
     """Mean wall time of each stage per key frame, milliseconds."""
+
+    @property
+    def title(self) -> str:
+        """What names the run in a table."""
+        return self.experiment.title
+
+    def contender(self) -> Contender:
+        """The run as far as differences are concerned."""
+        kind, config = self.experiment.dataset.kind, self.experiment.settings.scores
+        return Contender(self.title, kind, self.report.finished, self.folder.load, config)
 
     def velocity_error(self, row: str) -> ErrorRow:
         """One line of the velocity table; without rows where this run has none of the kind."""
@@ -58,6 +74,8 @@ class Comparison:
 
     runs: tuple[ScoredRun, ...]
     out: Path
+    differences: tuple[RunDifferences, ...] = ()
+    """Every other run against the baseline of its data set."""
 
     @property
     def failed(self) -> dict[str, str]:
@@ -75,7 +93,12 @@ def velocity_rows(runs: Sequence[ScoredRun]) -> list[str]:
 
 
 def run_comparison(
-    experiments: Sequence[Experiment], out: Path, *, workers: int, progress: Progress
+    experiments: Sequence[Experiment],
+    out: Path,
+    *,
+    workers: int,
+    progress: Progress,
+    baseline: str | None = None,
 ) -> Comparison:
     """Runs and scores every experiment; writes ``scores.json`` beside their results.
 
@@ -85,24 +108,31 @@ def run_comparison(
         out: folder for results.
         workers: processes; 0 means one a core.
         progress: is told how the work goes on.
+        baseline: title of the run, or part of it, that the others are compared with; the first.
 
     Raises:
         MottrackError: the configuration does not fit the data or the folder.
     """
-    runs = []
-    for experiment in experiments:
-        folder = RunFolder(out / experiment.variant if len(experiments) > 1 else out)
-        report = run_experiment(
-            experiment, folder, workers=workers or available_cores(), progress=progress
-        )
-        runs.append(_scored(experiment, folder, report))
-    comparison = Comparison(tuple(runs), out)
-    figures = {"runs": [run.as_dict() for run in runs]}
+    check_baseline(experiments, baseline)
+    alone = len(experiments) == 1
+    jobs = [Job(e, RunFolder(out if alone else out / e.variant)) for e in experiments]
+    reports = run_jobs(jobs, workers=workers or available_cores(), progress=progress)
+    runs = [
+        scored_run(job.experiment, job.folder, report)
+        for job, report in zip(jobs, reports, strict=True)
+    ]
+    differences = find_differences([run.contender() for run in runs], baseline)
+    comparison = Comparison(tuple(runs), out, differences)
+    figures = {
+        "runs": [run.as_dict() for run in runs],
+        "differences": [part.as_dict() for part in differences],
+    }
     write_text(out / "scores.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
     return comparison
 
 
-def _scored(experiment: Experiment, folder: RunFolder, report: RunReport) -> ScoredRun:
+def scored_run(experiment: Experiment, folder: RunFolder, report: RunReport) -> ScoredRun:
+    """Scores what a run has left in its folder."""
     results = [folder.load(scene) for scene in report.finished]
     scores = score(results, experiment.settings.scores)
     return ScoredRun(experiment, folder, report, scores, _stage_ms(results))

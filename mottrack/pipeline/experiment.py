@@ -34,6 +34,11 @@ class Experiment:
     sources: tuple[str, ...] = field(default=())
     """Files that it was composed of."""
 
+    @property
+    def title(self) -> str:
+        """What names it in a table."""
+        return self.variant or self.settings.name or self.flow.kind
+
     def resolved(self) -> dict[str, Any]:
         """Every setting, defaults included, as plain data."""
         parts = {group: getattr(self, group).resolved() for group in GROUPS}

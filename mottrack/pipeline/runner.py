@@ -10,7 +10,15 @@ from mottrack.core.errors import ConfigError
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.run_folder import RunFolder
 from mottrack.pipeline.scene_run import run_scene
-from mottrack.pipeline.workers import Progress, Task, run_tasks
+from mottrack.pipeline.workers import Outcome, Progress, Task, run_tasks
+
+
+@dataclass(frozen=True)
+class Job:
+    """An experiment and where its results are kept."""
+
+    experiment: Experiment
+    folder: RunFolder
 
 
 @dataclass(frozen=True)
@@ -33,20 +41,45 @@ def run_experiment(
     Raises:
         ConfigError: a scene is unknown, or the folder belongs to another configuration.
     """
+    return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
+
+
+def run_jobs(jobs: Sequence[Job], *, workers: int, progress: Progress) -> list[RunReport]:
+    """The same for several experiments in one pool: none waits for another's last scene.
+
+    Raises:
+        ConfigError: a scene is unknown, or a folder belongs to another configuration.
+    """
     start = time.perf_counter()
-    scenes = scene_names(experiment)
-    folder.claim(experiment)
-    todo = [scene for scene in scenes if not folder.finished(scene)]
-    progress.begin(experiment.variant or experiment.settings.name, len(scenes), len(todo))
-    tasks = [Task(experiment, scene, folder.path) for scene in todo]
+    scenes = [scene_names(job.experiment) for job in jobs]
+    for job in jobs:
+        job.folder.claim(job.experiment)
+    tasks = [
+        Task(job.experiment, scene, job.folder.path)
+        for job, names in zip(jobs, scenes, strict=True)
+        for scene in names
+        if not job.folder.finished(scene)
+    ]
+    progress.begin(_title(jobs), sum(map(len, scenes)), len(tasks))
     outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
+    wall_s = time.perf_counter() - start
+    return [
+        _report(names, [o for o in outcomes if o.folder == job.folder.path], wall_s)
+        for job, names in zip(jobs, scenes, strict=True)
+    ]
+
+
+def _report(scenes: tuple[str, ...], outcomes: list[Outcome], wall_s: float) -> RunReport:
     failed = {o.scene: o.error for o in outcomes if o.error}
-    return RunReport(
-        finished=tuple(scene for scene in scenes if scene not in failed),
-        failed=failed,
-        resumed=len(scenes) - len(todo),
-        wall_s=time.perf_counter() - start,
-    )
+    finished = tuple(scene for scene in scenes if scene not in failed)
+    return RunReport(finished, failed, len(scenes) - len(outcomes), wall_s)
+
+
+def _title(jobs: Sequence[Job]) -> str:
+    first = jobs[0].experiment
+    if len(jobs) == 1:
+        return first.variant or first.settings.name
+    return f"{first.settings.name}, {len(jobs)} runs".lstrip(", ")
 
 
 def scene_names(experiment: Experiment) -> tuple[str, ...]:

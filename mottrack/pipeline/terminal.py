@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
@@ -10,8 +9,15 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from mottrack.eval.scores import Scores
-from mottrack.pipeline.comparison import Comparison, ScoredRun, velocity_rows
+from mottrack.formats.text_table import TextTable
+from mottrack.pipeline.comparison import Comparison, ScoredRun
+from mottrack.pipeline.comparison_tables import (
+    FLOW_PARTS,
+    VELOCITY_PARTS,
+    compact,
+    comparison_tables,
+    leading_differences,
+)
 from mottrack.pipeline.workers import Outcome
 
 
@@ -67,101 +73,36 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
     console = console or Console()
     if not console.is_terminal:
         console.width = FILE_WIDTH
-    runs = [run for run in comparison.runs if run.report.finished]
-    if runs:
-        console.print(_overall_table(runs))
-        console.print(_velocity_table(runs))
-        if any(run.scores.flow for run in runs):
-            console.print(_flow_table(runs))
-        console.print(_timing_table(runs))
+    tables = {table.name: table for table in comparison_tables(comparison)}
+    tables.pop("differences", None)
+    titles = [run.title for run in comparison.runs if run.report.finished]
+    for name, parts in (("velocity", VELOCITY_PARTS), ("flow", FLOW_PARTS)):
+        if name in tables:
+            tables[name] = compact(tables[name], titles, parts)
+    for table in (*tables.values(), *leading_differences(comparison.differences)):
+        console.print(rich_table(table))
     for name, reason in comparison.failed.items():
         console.print(f"[red]failed[/] {name}: {reason}", highlight=False, soft_wrap=True)
     console.print(f"figures: {comparison.out / 'scores.json'}", highlight=False, soft_wrap=True)
+    if tables:
+        console.print(f"tables:  {comparison.out / 'tables'}", highlight=False, soft_wrap=True)
 
 
-def _overall_table(runs: Iterable[ScoredRun]) -> Table:
-    columns = (
-        "AMOTA",
-        "AMOTP m",
-        "MOTA",
-        "MOTP m",
-        "recall",
-        "misses",
-        "false pos.",
-        "switches",
-        "IDF1",
-        "HOTA",
-    )
-    table = Table("run", "class", *columns, title="Tracking, matched by centre distance")
-    for run in runs:
-        for label, scores in {"all": run.scores.overall, **run.scores.classes}.items():
-            d = scores.as_dict()
-            cells = (
-                _number(d["amota"]),
-                _number(d["amotp_m"]),
-                _number(d["mota"]),
-                _number(d["motp_m"]),
-                _number(d["recall"]),
-                str(d["misses"]),
-                str(d["false_positives"]),
-                str(d["id_switches"]),
-                _number(d["idf1"]),
-                _number(d["hota"]),
-            )
-            table.add_row(title(run) if label == "all" else "", label, *cells)
-        table.add_section()
-    return table
-
-
-def _velocity_table(runs: list[ScoredRun]) -> Table:
-    table = Table(
-        "tracks", *_titles(runs), title="Track velocity error, m/s: mean | worst 5 % (rows)"
-    )
-    for row in velocity_rows(runs):
-        cells = []
-        for run in runs:
-            error = run.velocity_error(row)
-            cells.append(
-                f"{_number(error.mean_mps)} | {_number(error.worst_mean_mps)} ({error.count})"
-            )
-        table.add_row(row, *cells)
-    return table
-
-
-def _flow_table(runs: list[ScoredRun]) -> Table:
-    table = Table("cells", *_titles(runs), title="Flow error, m/s: RMSE | median | within 1 m/s")
-    rows = dict.fromkeys(row for run in runs for row in run.scores.flow)
-    for row in rows:
-        table.add_row(row, *(_flow_cell(run.scores, row) for run in runs))
-    return table
-
-
-def _flow_cell(scores: Scores, row: str) -> str:
-    if row not in scores.flow:
-        return "-"
-    error = scores.flow[row]
-    if not error.cells:
-        return "-"
-    share = f"{100 * error.within_1_mps:.0f} %"
-    return f"{_number(error.rmse_mps)} | {_number(error.median_mps)} | {share}"
-
-
-def _timing_table(runs: list[ScoredRun]) -> Table:
-    stages = dict.fromkeys(stage for run in runs for stage in run.stage_ms)
-    table = Table("run", *stages, title="Wall time a key frame, ms")
-    for run in runs:
-        table.add_row(title(run), *(_number(run.stage_ms.get(s, 0.0), 1) for s in stages))
-    return table
+def rich_table(table: TextTable) -> Table:
+    """The table as the terminal shows it; rows of the same first cell form a group."""
+    shown = Table(*(column.name for column in table.columns), title=table.title)
+    shown.caption = table.note or None
+    texts = table.texts()
+    grouped = len({cells[0] for cells in texts}) < len(texts)
+    before = None
+    for cells in texts:
+        if grouped and cells[0] != before:
+            shown.add_section()
+        shown.add_row("" if cells[0] == before else cells[0], *cells[1:])
+        before = cells[0]
+    return shown
 
 
 def title(run: ScoredRun) -> str:
     """What names a run in a table."""
-    return run.experiment.variant or run.experiment.settings.name or run.experiment.flow.kind
-
-
-def _titles(runs: Iterable[ScoredRun]) -> list[str]:
-    return [title(run) for run in runs]
-
-
-def _number(value: float, digits: int = 3) -> str:
-    return "-" if value != value else f"{value:.{digits}f}"
+    return run.title

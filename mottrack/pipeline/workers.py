@@ -18,6 +18,7 @@ from typing import Protocol, cast
 from mottrack.core.errors import MottrackError
 from mottrack.pipeline.experiment import Experiment
 
+Key = tuple[Path, str]
 OnFrame = Callable[[int, int], None]
 ATTEMPTS = 2  # a worker that is killed from outside gets its scene a second chance
 FRAMES_A_MESSAGE = 10
@@ -37,6 +38,11 @@ class Task:
     scene: str
     folder: Path
 
+    @property
+    def key(self) -> Key:
+        """What tells it from other tasks: a scene may be there once a run."""
+        return self.folder, self.scene
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -44,6 +50,7 @@ class Outcome:
 
     scene: str
     error: str = ""
+    folder: Path = Path()
 
 
 class Progress(Protocol):
@@ -93,7 +100,7 @@ def run_tasks(
                 pool.listen(pool.busy[cast(Connection, connection)])
     finally:
         pool.dismiss()
-    return [pool.outcomes[task.scene] for task in tasks]
+    return [pool.outcomes[task.key] for task in tasks]
 
 
 @dataclass
@@ -105,8 +112,8 @@ class _Pool:
     queue: deque[Task]
     busy: dict[Connection, _Worker] = field(default_factory=dict)
     idle: list[_Worker] = field(default_factory=list)
-    outcomes: dict[str, Outcome] = field(default_factory=dict)
-    deaths: Counter[str] = field(default_factory=Counter)
+    outcomes: dict[Key, Outcome] = field(default_factory=dict)
+    deaths: Counter[Key] = field(default_factory=Counter)
 
     def hire(self) -> None:
         """Starts a process and gives it a task."""
@@ -152,16 +159,16 @@ class _Pool:
     def _bury(self, worker: _Worker, task: Task) -> None:
         del self.busy[worker.connection]
         worker.process.join()
-        self.deaths[task.scene] += 1
-        if self.deaths[task.scene] < ATTEMPTS:
+        self.deaths[task.key] += 1
+        if self.deaths[task.key] < ATTEMPTS:
             self.queue.append(task)
         else:
-            self._end(Outcome(task.scene, DIED))
+            self._end(Outcome(task.scene, DIED, task.folder))
         if self.queue:
             self.hire()
 
     def _end(self, outcome: Outcome) -> None:
-        self.outcomes[outcome.scene] = outcome
+        self.outcomes[outcome.folder, outcome.scene] = outcome
         self.progress.scene_ends(outcome)
 
 
@@ -190,12 +197,12 @@ def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
     try:
         work(task, on_frame)
     except MottrackError as error:
-        return Outcome(task.scene, str(error))
+        return Outcome(task.scene, str(error), task.folder)
     except Exception as error:  # noqa: BLE001 - the scene fails, whatever it was; the others go on
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
-        return Outcome(task.scene, f"{type(error).__name__}: {error} ({where})")
-    return Outcome(task.scene)
+        return Outcome(task.scene, f"{type(error).__name__}: {error} ({where})", task.folder)
+    return Outcome(task.scene, folder=task.folder)
 
 
 @contextmanager

@@ -6,13 +6,23 @@ import numpy as np
 
 from mottrack.core import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
+from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Racks, Samples
+from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.rules import RANGES_M, Rules
-from mottrack.eval.nuscenes.summary import Metrics, evaluate
+from mottrack.eval.nuscenes.summary import Metrics, evaluate_prepared
 
 
 def result_metrics(results: Sequence[SceneResult], rules: Rules) -> Metrics:
     """AMOTA and its company over all scenes together.
+
+    Raises:
+        InputError: no true or no tracked box is left to evaluate.
+    """
+    return evaluate_prepared(prepare_results(results, rules), rules)
+
+
+def prepare_results(results: Sequence[SceneResult], rules: Rules) -> Prepared:
+    """Truth and tracks of the scenes, filtered and filled as the official evaluation does.
 
     Raises:
         InputError: no true or no tracked box is left to evaluate.
@@ -27,7 +37,7 @@ def result_metrics(results: Sequence[SceneResult], rules: Rules) -> Metrics:
         stamp_us=np.concatenate([r.frames.stamp_ns for r in results]) // 1000,
         ego_xy_m=np.concatenate([r.frames.world_T_ego[:, :2, 3] for r in results]),
     )
-    return evaluate(GroundTruth(samples, _merged(truth), _no_racks()), _merged(tracks), rules)
+    return prepare(GroundTruth(samples, _merged(truth), _no_racks()), _merged(tracks), rules)
 
 
 def rules_for(classes: Sequence[str]) -> Rules:

@@ -1,0 +1,144 @@
+"""A table of results that goes to a terminal, into CSV, Markdown and LaTeX alike."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mottrack.core.storage import write_text
+
+Cell = str | float | int | None
+MISSING = "–"
+LATEX = {
+    "\\": r"\textbackslash{}",
+    "&": r"\&",
+    "%": r"\%",
+    "$": r"\$",
+    "#": r"\#",
+    "_": r"\_",
+    "{": r"\{",
+    "}": r"\}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "<": r"$<$",
+    ">": r"$>$",
+    "|": r"\textbar{}",
+    "±": r"$\pm$",
+    "×": r"$\times$",
+    "−": "$-$",
+    "²": r"$^2$",
+    "→": r"$\rightarrow$",
+    "…": r"\dots{}",
+    "–": "--",
+    "\n": " ",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Heading of a column and how its numbers are written."""
+
+    name: str
+    digits: int = 3
+    signed: bool = False
+
+    def text(self, cell: Cell) -> str:
+        """A cell as people read it; a number that does not exist is a dash."""
+        if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
+            return MISSING
+        if isinstance(cell, str | int):
+            return str(cell)
+        return f"{cell:{'+' if self.signed else ''}.{self.digits}f}"
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Rows of texts and numbers under a title."""
+
+    name: str
+    """Name of its files."""
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+    def texts(self) -> list[list[str]]:
+        """The cells as people read them."""
+        return [
+            [column.text(cell) for column, cell in zip(self.columns, row, strict=True)]
+            for row in self.rows
+        ]
+
+
+def to_csv(table: TextTable) -> str:
+    """Comma separated values with all digits; what does not exist is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([column.name for column in table.columns])
+    writer.writerows([_plain(cell) for cell in row] for row in table.rows)
+    return text.getvalue()
+
+
+def to_markdown(table: TextTable) -> str:
+    """A GitHub table under its title."""
+    head = [_markdown(column.name) for column in table.columns]
+    rule = [":--" if _is_text(table, k) else "--:" for k in range(len(head))]
+    rows = [[_markdown(cell) for cell in row] for row in table.texts()]
+    lines = ["| " + " | ".join(row) + " |" for row in (head, rule, *rows)]
+    note = f"\n{table.note}\n" if table.note else ""
+    return f"**{table.title}**\n\n" + "\n".join(lines) + "\n" + note
+
+
+def to_latex(table: TextTable) -> str:
+    """A table in the style of the package booktabs, with its caption and label."""
+    align = "".join("l" if _is_text(table, k) else "r" for k in range(len(table.columns)))
+    rows = [[column.name for column in table.columns], *table.texts()]
+    lines = [" & ".join(latex(cell) for cell in row) + r" \\" for row in rows]
+    caption = latex(" ".join(filter(None, (table.title + ".", table.note))))
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{caption}}}",
+            rf"\label{{tab:{table.name.replace('_', '-')}}}",
+            rf"\begin{{tabular}}{{{align}}}",
+            r"\toprule",
+            lines[0],
+            r"\midrule",
+            *lines[1:],
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )
+
+
+def latex(text: str) -> str:
+    """The text with everything escaped that LaTeX would take for a command."""
+    return "".join(LATEX.get(character, character) for character in text)
+
+
+def write_tables(tables: Sequence[TextTable], folder: Path) -> None:
+    """Writes NAME.csv, NAME.md and NAME.tex of every table."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for table in tables:
+        write_text(folder / f"{table.name}.csv", to_csv(table))
+        write_text(folder / f"{table.name}.md", to_markdown(table))
+        write_text(folder / f"{table.name}.tex", to_latex(table))
+
+
+def _is_text(table: TextTable, k: int) -> bool:
+    return any(isinstance(row[k], str) for row in table.rows)
+
+
+def _plain(cell: Cell) -> Cell:
+    return None if isinstance(cell, float) and not math.isfinite(cell) else cell
+
+
+def _markdown(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")
