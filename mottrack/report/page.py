@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -11,54 +12,115 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import mottrack
 from mottrack.core.storage import write_text
-from mottrack.pipeline.comparison import Comparison, ScoredRun, velocity_rows
-from mottrack.pipeline.terminal import title
-from mottrack.report.figures import bev_grid, velocity_bars
+from mottrack.pipeline.comparison import Comparison, ScoredRun
+from mottrack.report.analysis import Analysis
+from mottrack.report.contest import Entrant
+from mottrack.report.differences import difference_groups
+from mottrack.report.films import Programme, contents, programme
+from mottrack.report.measures import FLOW, GLOSSARY, INTERVAL, TIMING, TRACKING, VELOCITY
+from mottrack.report.summary import cards
+from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
+from mottrack.report.timing import BUDGET_MS, Timing, stages_of, time_bars, time_rows
 
 TEMPLATE = "report.html.j2"
+STYLES = ("base.css", "parts.css", "player.css")
+SCRIPTS = (
+    "theme.js",
+    "tips.js",
+    "chart.js",
+    "plots.js",
+    "film_data.js",
+    "film_colour.js",
+    "film_draw.js",
+    "film_errors.js",
+    "player.js",
+    "main.js",
+)
+MAX_MB = 15.0
 
 
-def write_report(comparison: Comparison, path: Path) -> None:
+def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) -> None:
     """Writes one self-contained HTML file.
 
     Args:
         comparison: at least one run with a finished scene.
         path: of the HTML file; replaced at once or not at all.
+        max_mb: about how large the file may get: scenes beyond that are listed, not shown moving.
     """
     environment = Environment(
-        loader=PackageLoader("mottrack.report"), autoescape=True, undefined=StrictUndefined
+        loader=PackageLoader("mottrack.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.filters["number"] = _number
     runs = [run for run in comparison.runs if run.report.finished]
-    page = environment.get_template(TEMPLATE).render(**_content(runs, comparison))
+    entrants = [Entrant(index, run) for index, run in enumerate(runs)]
+    analyses = [Analysis.of(run) for run in runs]
+    shown = programme(entrants, analyses, max_mb * 1e6)
+    content = _content(entrants, analyses, comparison) | _moving(shown, entrants, analyses)
+    page = environment.get_template(TEMPLATE).render(**content, **_sources())
     write_text(path, page)
 
 
-def _content(runs: Sequence[ScoredRun], comparison: Comparison) -> dict[str, Any]:
-    scenes = list(dict.fromkeys(scene for run in runs for scene in run.report.finished))
-    pictures = {scene: bev_grid(runs, scene) for scene in scenes[:MOST_PICTURES]}
+def _content(
+    entrants: Sequence[Entrant], analyses: Sequence[Analysis], comparison: Comparison
+) -> dict[str, Any]:
     return {
-        "name": runs[0].experiment.settings.name if runs else "run",
+        "name": entrants[0].run.experiment.settings.name if entrants else "run",
         "version": mottrack.__version__,
-        "titles": [title(run) for run in runs],
-        "runs": runs,
-        "scenes": scenes,
-        "pictures": {scene: url for scene, url in pictures.items() if url},
-        "velocity_rows": velocity_rows(runs),
-        "velocity_bars": velocity_bars(runs) if runs else "",
-        "configs": {title(run): _yaml(run) for run in runs},
+        "entrants": entrants,
+        "scene_count": len({s for e in entrants for s in e.run.report.finished}),
         "failed": comparison.failed,
+        "cards": cards(entrants, analyses, comparison.differences),
+        "common_scenes": max((d.scenes for d in comparison.differences), default=0),
+        "difference_groups": difference_groups(comparison.differences, entrants),
+        "tracking": tracking_blocks(entrants),
+        "velocity": velocity_blocks(entrants),
+        "flow": flow_blocks(entrants),
+        **_times(entrants, [a.timing for a in analyses]),
+        "gains": gain_rows(entrants, [a.anatomy for a in analyses]),
+        "has_curves": any(a.curves for a in analyses),
+        "measures": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
+        "glossary": GLOSSARY,
+        "interval": INTERVAL,
+        "configs": {e.title: _yaml(e.run) for e in entrants},
     }
 
 
-MOST_PICTURES = 6
+def _times(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> dict[str, Any]:
+    return {
+        "budget_ms": BUDGET_MS,
+        "stages": stages_of(timings),
+        "time_bars": time_bars(entrants, timings),
+        "time_rows": time_rows(entrants, timings),
+    }
+
+
+def _moving(
+    shown: Programme, entrants: Sequence[Entrant], analyses: Sequence[Analysis]
+) -> dict[str, Any]:
+    titles = {e.index: e.title for e in entrants}
+    return {
+        "programme": shown,
+        "data": {
+            "runs": [
+                {"title": e.title, "oracle": e.oracle, **a.as_dict()}
+                for e, a in zip(entrants, analyses, strict=True)
+            ],
+            "budget_ms": BUDGET_MS,
+            "films": contents(shown.reels, titles),
+        },
+    }
+
+
+def _sources() -> dict[str, str]:
+    folder = files("mottrack.report").joinpath("templates")
+    return {
+        "style": "\n".join(folder.joinpath("css", name).read_text() for name in STYLES),
+        "script": "\n".join(folder.joinpath("js", name).read_text() for name in SCRIPTS),
+    }
 
 
 def _yaml(run: ScoredRun) -> str:
     return yaml.safe_dump(run.experiment.resolved(), sort_keys=False, allow_unicode=True)
-
-
-def _number(value: float | None, digits: int = 3) -> str:
-    if value is None or value != value:
-        return "–"
-    return str(value) if isinstance(value, int) else f"{value:.{digits}f}"

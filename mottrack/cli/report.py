@@ -1,0 +1,37 @@
+"""``mottrack report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Folder = Annotated[Path, typer.Argument(help="folder of a run, or of a comparison")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the command of this module."""
+    app.command("report")(report)
+
+
+def report(
+    folder: Folder,
+    *,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="HTML file; report.html in the folder")
+    ] = None,
+    max_mb: Annotated[
+        float, typer.Option("--max-mb", min=0.0, help="room for the moving pictures of scenes")
+    ] = 15.0,
+    baseline: Annotated[
+        str | None, typer.Option("--baseline", help="run that the others are compared with")
+    ] = None,
+) -> None:
+    """Write the HTML report of a finished run or comparison; nothing runs again."""
+    from mottrack.pipeline.stored_comparison import load_comparison
+    from mottrack.report.page import write_report
+
+    path = folder / "report.html" if out is None else out
+    write_report(load_comparison(folder, baseline), path, max_mb=max_mb)
+    typer.echo(f"report:  {path}")

@@ -1,0 +1,115 @@
+"""What the report draws of a run beyond its scores: curves, distributions, kinds of error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.errors import InputError
+from mottrack.core.result import SceneResult
+from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, dissect
+from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
+from mottrack.eval.nuscenes.levels import Curves
+from mottrack.eval.nuscenes.summary import evaluate_prepared
+from mottrack.eval.scores import Cut, ScoreConfig, best_threshold
+from mottrack.eval.velocity_error import (
+    VelocityErrorConfig,
+    VelocitySamples,
+    category_masks,
+    velocity_samples,
+)
+from mottrack.pipeline.comparison import ScoredRun
+from mottrack.report.timing import Timing
+
+CURVES = ("mota", "precision", "motp", "ids")
+SHARES = np.linspace(0.0, 1.0, 101)
+"""The quantiles by which a distribution is drawn."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What the report draws of one run."""
+
+    curves: dict[str, dict[str, list[float | None]]]
+    """Class to the points of its recall curves; empty where classes are not told apart."""
+    anatomy: dict[str, ClassAnatomy]
+    velocity: dict[str, list[float]]
+    """Category to the quantiles of its velocity error, m/s."""
+    cuts: tuple[Cut, ...]
+    """Which boxes the counts of errors are about."""
+    timing: Timing | None
+
+    @classmethod
+    def of(cls, run: ScoredRun) -> Analysis:
+        """Reads the run's results once."""
+        stored = [run.folder.load(scene) for scene in run.report.finished]
+        results = [result.where_labelled() for result in stored]
+        config = run.experiment.settings.scores
+        curves, anatomy, cuts = _by_class(results, list(run.scores.classes), config)
+        velocity = _velocity(results, config.velocity)
+        return cls(curves, anatomy, velocity, cuts, Timing.of(stored))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data for the page's scripts."""
+        return {
+            "curves": self.curves,
+            "anatomy": {label: part.counts for label, part in self.anatomy.items()},
+            "velocity": self.velocity,
+            "timing": self.timing and vars(self.timing),
+        }
+
+
+def _by_class(
+    results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
+) -> tuple[dict[str, dict[str, list[float | None]]], dict[str, ClassAnatomy], tuple[Cut, ...]]:
+    everything = (Cut(""),)
+    if not labels:
+        return {}, {}, everything
+    rules = rules_for(labels)
+    try:
+        prepared = prepare_results(results, rules)
+    except InputError:  # nothing in range on one side: there are no curves to draw
+        return {}, {}, everything
+    found = evaluate_prepared(prepared, rules).curves
+    cuts = tuple(
+        Cut(label, best_threshold(found[label], config), range_m)
+        for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
+    )
+    curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
+    return curves, dissect(prepared, rules), cuts
+
+
+def _reached(curve: Curves) -> NDArray[np.bool_]:
+    reached: NDArray[np.bool_] = ~np.isnan(curve["confidence"])
+    return reached
+
+
+def _curve(curve: Curves) -> dict[str, list[float | None]]:
+    """The reached levels, the lowest recall first."""
+    rows = np.flatnonzero(_reached(curve))[::-1]
+    hits = curve["tp"] + curve["ids"]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        precision = hits / (hits + curve["fp"])
+    columns = {**curve, "precision": precision, "asked": curve["recall_hypo"]}
+    return {name: _plain(columns[name][rows]) for name in ("asked", "confidence", *CURVES)}
+
+
+def _velocity(
+    results: Sequence[SceneResult], config: VelocityErrorConfig
+) -> dict[str, list[float]]:
+    samples = VelocitySamples.stacked([velocity_samples(result, config) for result in results])
+    declared = {name for result in results for name in result.classes}
+    masks = category_masks(samples, config, declared)
+    return {
+        row: np.quantile(samples.error_mps[mask], SHARES).round(4).tolist()
+        for row, mask in masks.items()
+        if mask.any()
+    }
+
+
+def _plain(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if np.isnan(v) else round(float(v), 5) for v in values]

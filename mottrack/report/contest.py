@@ -1,0 +1,58 @@
+"""Which of several figures is the best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mottrack.pipeline.comparison import ScoredRun
+from mottrack.report.measures import Measure
+
+ORACLE_FLOW = "ground_truth"
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A run as the report shows it."""
+
+    index: int
+    """Its place in the comparison, which gives it its colour."""
+    run: ScoredRun
+
+    @property
+    def title(self) -> str:
+        """What names it."""
+        return self.run.title
+
+    @property
+    def oracle(self) -> bool:
+        """Whether it was given the true flow."""
+        return self.run.experiment.flow.kind == ORACLE_FLOW
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure in a table."""
+
+    text: str
+    best: bool = False
+    note: str = ""
+    """What stands small below it."""
+
+
+def best_of(
+    measure: Measure, values: Sequence[float], entrants: Sequence[Entrant]
+) -> tuple[bool, ...]:
+    """Which values are the best as they are printed; oracles are out of the contest.
+
+    Nothing is the best where fewer than two take part, or where all are the same.
+    """
+    competes = [
+        v == v and not e.oracle and measure.lower_is_better is not None
+        for v, e in zip(values, entrants, strict=True)
+    ]
+    rivals = [v for v, c in zip(values, competes, strict=True) if c]
+    if len({measure.text(v) for v in rivals}) < 2:
+        return (False,) * len(values)
+    top = measure.text(min(rivals) if measure.lower_is_better else max(rivals))
+    return tuple(c and measure.text(v) == top for v, c in zip(values, competes, strict=True))

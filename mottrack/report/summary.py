@@ -1,0 +1,155 @@
+"""What came of it, before any table: the leading figures, who is best, what is real."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mottrack.eval.paired import Paired
+from mottrack.pipeline.differences import RunDifferences
+from mottrack.report.analysis import Analysis
+from mottrack.report.contest import Entrant, best_of
+from mottrack.report.measures import FLOW, TIMING, TRACKING, VELOCITY, Measure
+
+NAN = float("nan")
+Value = Callable[[Entrant, Analysis], float]
+
+
+@dataclass(frozen=True)
+class Question:
+    """A figure that the summary shows."""
+
+    measure: Measure
+    title: str
+    value: Value
+    difference: tuple[str, str, str] | None
+    """Table, row and metric under which its differences are listed; None where there are none."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """One run's answer."""
+
+    entrant: Entrant
+    text: str
+    share: float
+    """Length of its bar, 0 to 1."""
+    best: bool
+    verdict: str
+    """"better", "worse" or "alike" beside the baseline; empty where that was not asked."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """One question and every run's answer."""
+
+    question: Question
+    bars: tuple[Bar, ...]
+    sentence: str
+
+
+def _of_class(key: str) -> Value:
+    return lambda entrant, _: entrant.run.scores.overall.as_dict().get(key, NAN)
+
+
+def _velocity(row: str) -> Value:
+    return lambda entrant, _: entrant.run.velocity_error(row).mean_mps
+
+
+def _flow(entrant: Entrant, _: Analysis) -> float:
+    error = entrant.run.scores.flow.get("dynamic")
+    return NAN if error is None else error.rmse_mps
+
+
+def _time(_: Entrant, analysis: Analysis) -> float:
+    return NAN if analysis.timing is None else analysis.timing.median_ms
+
+
+BY_KEY = {measure.key: measure for measure in (*TRACKING, *VELOCITY, *FLOW)}
+QUESTIONS = (
+    Question(BY_KEY["amota"], "AMOTA", _of_class("amota"), ("tracking", "all", "AMOTA")),
+    Question(BY_KEY["mota"], "MOTA", _of_class("mota"), None),
+    Question(BY_KEY["idf1"], "IDF1", _of_class("idf1"), None),
+    Question(
+        BY_KEY["mean_mps"], "velocity error, all", _velocity("all"), ("velocity", "all", "mean")
+    ),
+    Question(
+        BY_KEY["mean_mps"],
+        "velocity error, static objects",
+        _velocity("static objects"),
+        ("velocity", "static objects", "mean"),
+    ),
+    Question(
+        BY_KEY["mean_mps"],
+        "velocity error, fast",
+        _velocity("fast [3, inf) m/s"),
+        ("velocity", "fast [3, inf) m/s", "mean"),
+    ),
+    Question(BY_KEY["rmse_mps"], "flow RMSE, moving cells", _flow, ("flow", "dynamic", "RMSE")),
+    Question(TIMING, "time a key frame", _time, None),
+)
+
+
+def cards(
+    entrants: Sequence[Entrant],
+    analyses: Sequence[Analysis],
+    differences: Sequence[RunDifferences],
+) -> list[Card]:
+    """Every question that any run has an answer to."""
+    made = [_card(question, entrants, analyses, differences) for question in QUESTIONS]
+    return [card for card in made if any(bar.text != "–" for bar in card.bars)]
+
+
+def _card(
+    question: Question,
+    entrants: Sequence[Entrant],
+    analyses: Sequence[Analysis],
+    differences: Sequence[RunDifferences],
+) -> Card:
+    values = [question.value(e, a) for e, a in zip(entrants, analyses, strict=True)]
+    best = best_of(question.measure, values, entrants)
+    longest = max((v for v in values if v == v), default=0.0)
+    bars = tuple(
+        Bar(
+            entrant=entrant,
+            text=question.measure.text(value),
+            share=max(value, 0.0) / longest if longest > 0 and value == value else 0.0,
+            best=best[k],
+            verdict=_verdict(question, entrant, differences),
+        )
+        for k, (entrant, value) in enumerate(zip(entrants, values, strict=True))
+    )
+    return Card(question, bars, _sentence(bars, differences))
+
+
+def _verdict(question: Question, entrant: Entrant, differences: Sequence[RunDifferences]) -> str:
+    pair = next((d for d in differences if d.run == entrant.title), None)
+    row = None if pair is None else _row(pair.rows, question.difference)
+    if row is None or row.low != row.low:
+        return ""
+    return {True: "better", False: "worse", None: "alike"}[row.better]
+
+
+def _row(rows: Sequence[Paired], wanted: tuple[str, str, str] | None) -> Paired | None:
+    named = {(row.key.table, row.key.row, row.key.metric): row for row in rows}
+    return None if wanted is None else named.get(wanted)
+
+
+def _sentence(bars: Sequence[Bar], differences: Sequence[RunDifferences]) -> str:
+    rivals = [bar for bar in bars if bar.verdict and not bar.entrant.oracle]
+    if not rivals:
+        return ""
+    baselines = dict.fromkeys(d.baseline for d in differences)
+    told = [
+        f"{', '.join(bar.entrant.title for bar in rivals if bar.verdict == verdict)} {words}"
+        for verdict, words in WORDS.items()
+        if any(bar.verdict == verdict for bar in rivals)
+    ]
+    return f"Against {', '.join(baselines)}: {'; '.join(told)}."
+
+
+WORDS = {
+    "better": "really better",
+    "worse": "really worse",
+    "alike": "not told apart from it by these scenes",
+}

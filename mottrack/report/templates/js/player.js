@@ -1,0 +1,236 @@
+// Plays the key frames of a scene, of one run or of two side by side.
+const NONE = "none";
+
+class Player {
+  constructor(films) {
+    this.films = films;
+    this.by = Object.fromEntries(["scene", "run-0", "run-1", "slider", "play", "frame-label", "speed", "views"].map((id) => [id, document.getElementById(id)]));
+    this.canvases = [0, 1].map((k) => document.getElementById(`view-${k}`));
+    this.panes = [null, null];
+    this.view = { x: 0, y: 0, zoom: 1 };
+    this.frame = 0;
+    this.timer = null;
+    this.layers = Object.fromEntries(LAYERS.map(({ key, on }) => [key, on]));
+    this.errors = new ErrorPanel((error) => this.visit(error));
+    this.by.scene.append(...films.map(({ name }, k) => new Option(name, k)));
+    this.fillLayers();
+    this.fillRuns();
+    this.listen();
+    this.load();
+  }
+
+  get film() { return this.panes[0]; }
+
+  fillLayers() {
+    const holder = document.getElementById("layers");
+    for (const { key, name, style } of LAYERS) {
+      const box = html("input", { type: "checkbox", checked: this.layers[key] });
+      const swatch = html("i", { className: style });
+      const paintSwatch = () => swatch.style.setProperty("--k", palette()[key]);
+      box.addEventListener("change", () => { this.layers[key] = box.checked; this.draw(); });
+      theme.listeners.push(paintSwatch);
+      paintSwatch();
+      holder.append(html("label", {}, box, swatch, name));
+    }
+  }
+
+  fillRuns() {
+    const runs = this.films[this.by.scene.value].runs;
+    const before = [this.by["run-0"].value, this.by["run-1"].value];
+    const options = () => runs.map(({ index, title }) => new Option(title, index));
+    this.by["run-0"].replaceChildren(...options());
+    this.by["run-1"].replaceChildren(new Option("nothing", NONE), ...options());
+    this.by["run-1"].value = NONE;
+    before.forEach((value, k) => {
+      const select = this.by[`run-${k}`];
+      if ([...select.options].some((option) => option.value === value)) select.value = value;
+    });
+  }
+
+  async load() {
+    this.pause();
+    const scene = this.by.scene.value;
+    const wanted = [0, 1].map((k) => this.by[`run-${k}`].value);
+    const [first, second] = await Promise.all(wanted.map((run) => (run === NONE ? null : Film.load(scene, run))));
+    if (scene !== this.by.scene.value || wanted.some((run, k) => run !== this.by[`run-${k}`].value)) return;
+    this.panes = [first, second];
+    document.getElementById("pane-1").hidden = second === null;
+    this.by.views.classList.toggle("two", second !== null);
+    wanted.forEach((run, k) => this.nameRun(run, k));
+    this.by.slider.max = first.frames - 1;
+    this.show(Math.min(this.frame, first.frames - 1));
+  }
+
+  nameRun(run, k) {
+    const label = document.getElementById(`name-${k}`);
+    const title = this.by[`run-${k}`].selectedOptions[0].textContent;
+    const dot = html("span", { className: "dot" });
+    dot.style.setProperty("--c", `var(--run-${run % 8})`);
+    label.replaceChildren(...(run === NONE ? [] : [dot, title]));
+    this.canvases[k].setAttribute("aria-label", `Bird's-eye view of scene ${this.by.scene.selectedOptions[0].textContent}, run ${title}`);
+  }
+
+  show(frame) {
+    this.frame = frame;
+    const { seconds, frames, all_frames } = this.film.stage;
+    const left = all_frames > frames ? ` (of ${all_frames})` : "";
+    const text = `frame ${frame + 1} / ${frames}${left} · ${seconds[frame].toFixed(1)} s`;
+    this.by["frame-label"].textContent = text;
+    this.by.slider.value = frame;
+    this.by.slider.setAttribute("aria-valuetext", text);
+    this.errors.show(this.film, frame, this.by["run-0"].selectedOptions[0].textContent);
+    for (const k of [0, 1]) document.getElementById(`facts-${k}`).textContent = "";
+    this.draw();
+  }
+
+  draw() {
+    this.panes.forEach((film, k) => {
+      if (!film) return;
+      const frame = Math.min(this.frame, film.frames - 1);
+      new Picture(this.canvases[k], film, frame, this.view).paint(this.layers, k ? null : this.errors.chosen);
+    });
+  }
+
+  move(frames) {
+    this.pause();
+    this.show(Math.max(0, Math.min(this.film.frames - 1, this.frame + frames)));
+  }
+
+  toggle() { this.timer === null ? this.play() : this.pause(); }
+
+  play() {
+    if (this.frame >= this.film.frames - 1) this.show(0);
+    this.by.play.textContent = "❚❚";
+    this.by.play.setAttribute("aria-label", "Pause");
+    this.waitForNext();
+  }
+
+  waitForNext() {
+    const { seconds } = this.film.stage;
+    if (this.frame >= this.film.frames - 1) { this.pause(); return; }
+    const wait = (seconds[this.frame + 1] - seconds[this.frame]) / Number(this.by.speed.value);
+    this.timer = setTimeout(() => { this.show(this.frame + 1); this.waitForNext(); }, 1000 * wait);
+  }
+
+  pause() {
+    clearTimeout(this.timer);
+    this.timer = null;
+    this.by.play.textContent = "▶";
+    this.by.play.setAttribute("aria-label", "Play");
+  }
+
+  // Shows an error: its frame, and the place if it is out of sight.
+  visit(error) {
+    this.pause();
+    const picture = new Picture(this.canvases[0], this.film, error.frame, this.view);
+    const [x, y] = picture.world(error.x, error.y);
+    const margin = 30;
+    const hidden = x < margin || y < margin || x > picture.width - margin || y > picture.height - margin;
+    if (hidden) [this.view.x, this.view.y] = picture.ego(error.x, error.y);
+    this.show(error.frame);
+  }
+
+  zoom(factor) {
+    this.view.zoom = Math.max(0.4, Math.min(12, this.view.zoom * factor));
+    this.draw();
+  }
+
+  fit() {
+    this.view = { x: 0, y: 0, zoom: 1 };
+    this.draw();
+  }
+
+  listen() {
+    this.by.scene.addEventListener("change", () => { this.frame = 0; this.fit(); this.fillRuns(); this.load(); });
+    for (const k of [0, 1]) this.by[`run-${k}`].addEventListener("change", () => this.load());
+    this.by.slider.addEventListener("input", () => { this.pause(); this.show(Number(this.by.slider.value)); });
+    this.by.play.addEventListener("click", () => this.toggle());
+    document.getElementById("back").addEventListener("click", () => this.move(-1));
+    document.getElementById("forth").addEventListener("click", () => this.move(1));
+    document.getElementById("zoom-in").addEventListener("click", () => this.zoom(1.4));
+    document.getElementById("zoom-out").addEventListener("click", () => this.zoom(1 / 1.4));
+    document.getElementById("zoom-fit").addEventListener("click", () => this.fit());
+    document.getElementById("player").addEventListener("keydown", (event) => this.onKey(event));
+    this.canvases.forEach((canvas, k) => this.listenTo(canvas, k));
+    new ResizeObserver(() => this.draw()).observe(this.by.views);
+    theme.listeners.push(() => this.draw());
+  }
+
+  onKey(event) {
+    const tag = event.target.tagName;
+    if (event.ctrlKey || event.altKey || event.metaKey || tag === "SELECT") return;
+    const actions = { e: () => this.errors.step(1), E: () => this.errors.step(-1), "+": () => this.zoom(1.4), "-": () => this.zoom(1 / 1.4), 0: () => this.fit() };
+    if (tag === "CANVAS") Object.assign(actions, { ArrowLeft: () => this.move(-1), ArrowRight: () => this.move(1), Home: () => this.move(-1e9), End: () => this.move(1e9) });
+    if (tag !== "BUTTON" && event.target.type !== "checkbox") actions[" "] = () => this.toggle();
+    if (!actions[event.key]) return;
+    event.preventDefault();
+    actions[event.key]();
+  }
+
+  listenTo(canvas, k) {
+    const pointers = new Map();
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, event);
+    });
+    for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+    canvas.addEventListener("pointermove", (event) => {
+      const before = pointers.get(event.pointerId);
+      if (!before) { this.tell(canvas, k, event); return; }
+      this.drag(canvas, pointers, event, before);
+      pointers.set(event.pointerId, event);
+    });
+    canvas.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && document.activeElement !== canvas && !event.shiftKey) return; // the page scrolls
+      event.preventDefault();
+      this.zoom(Math.exp(-event.deltaY / 400));
+    }, { passive: false });
+  }
+
+  // One finger moves the view, two zoom it.
+  drag(canvas, pointers, event, before) {
+    const scale = scaleOf(this.view, canvas.clientWidth, canvas.clientHeight);
+    if (pointers.size === 1) {
+      this.view.x -= (event.clientX - before.clientX) / scale;
+      this.view.y += (event.clientY - before.clientY) / scale;
+      this.draw();
+      return;
+    }
+    const other = [...pointers.values()].find((p) => p.pointerId !== event.pointerId);
+    const apart = (p) => Math.hypot(p.clientX - other.clientX, p.clientY - other.clientY);
+    this.zoom(apart(event) / Math.max(apart(before), 1));
+  }
+
+  // What is known about the box under the pointer.
+  tell(canvas, k, event) {
+    const film = this.panes[k], box = canvas.getBoundingClientRect();
+    const picture = new Picture(canvas, film, Math.min(this.frame, film.frames - 1), this.view);
+    const at = [event.clientX - box.left, event.clientY - box.top];
+    const near = (name) => nearest(film.boxes(name, picture.frame), (b) => picture.world(b.x, b.y), at);
+    const lines = [
+      this.layers.tracks && words("track", near("tracks")),
+      this.layers.truth && words("truth", near("truth")),
+      this.layers.objects && words("detection", near("objects")),
+    ];
+    picture.paint(this.layers, k ? null : this.errors.chosen);
+    document.getElementById(`facts-${k}`).textContent = lines.filter(Boolean).join("\n");
+  }
+}
+
+function nearest(boxes, place, [x, y], reach = 22) {
+  let best = null, least = reach;
+  for (const box of boxes) {
+    const [a, b] = place(box);
+    const apart = Math.hypot(a - x, b - y);
+    if (apart < least) [best, least] = [box, apart];
+  }
+  return best;
+}
+
+function words(name, box) {
+  if (!box) return "";
+  const id = box.id === undefined ? "" : ` ${box.id}`;
+  const score = box.score === undefined ? "" : `, score ${box.score.toFixed(2)}`;
+  const speed = box.vx === null ? "" : `, ${Math.hypot(box.vx, box.vy).toFixed(1)} m/s`;
+  return `${name}${id} ${box.label}${score}${speed}${box.coasting ? ", not seen" : ""}`;
+}

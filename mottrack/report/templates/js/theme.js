@@ -1,0 +1,35 @@
+// Light or dark: what the reader chose last, else what the system wishes.
+const theme = {
+  listeners: [],
+  get dark() { return document.documentElement.dataset.theme === "dark"; },
+  set(name) {
+    document.documentElement.dataset.theme = name;
+    for (const listener of this.listeners) listener();
+  },
+  start() {
+    const wish = matchMedia("(prefers-color-scheme: dark)");
+    const remembered = recall("mottrack-theme");
+    this.set(remembered ?? (wish.matches ? "dark" : "light"));
+    wish.addEventListener("change", () => {
+      if (!recall("mottrack-theme")) this.set(wish.matches ? "dark" : "light");
+    });
+    document.getElementById("theme").addEventListener("click", () => {
+      this.set(this.dark ? "light" : "dark");
+      remember("mottrack-theme", this.dark ? "dark" : "light");
+    });
+  },
+};
+
+// A page opened from a file may have no storage; then the choice lasts as long as the page.
+const memory = new Map();
+function recall(key) {
+  if (memory.has(key)) return memory.get(key);
+  try { return localStorage.getItem(key); } catch { return null; }
+}
+function remember(key, value) {
+  memory.set(key, value);
+  try { localStorage.setItem(key, value); } catch { /* see above */ }
+}
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const runColour = (index) => css(`--run-${index % 8}`);
