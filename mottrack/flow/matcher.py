@@ -107,8 +107,8 @@ class Matcher:
         self._cells = np.column_stack(self.raster.cells(self.points_m)[:2])
         then, now = prepared.previous_full, prepared.current_full
         self._scene = MatchScene(
-            build_point_grid(self.previous_m * scale, config.cap_m, reach_m),
-            build_point_grid(self._scaled_m, config.cap_m, reach_m),
+            build_point_grid(self.previous_m * scale, config.cap_m / 2, reach_m),
+            build_point_grid(self._scaled_m, config.cap_m / 2, reach_m),
             build_range_image(then.xyz_m, then.origin_m),
             build_range_image(now.xyz_m, now.origin_m),
             np.zeros((0, 0), np.int64),
@@ -118,10 +118,11 @@ class Matcher:
             config.cap_m,
         )
 
-    def match(self, labels: Labels, given: Starts | None = None) -> Matches:
+    def match(self, labels: Labels, given: Starts | None = None, *, min_points: int = 1) -> Matches:
         """Registers each component, from rest, from the given shifts, and from a correlation.
 
-        The correlation is left out where a start is given.
+        The correlation is left out where a start is given; components of fewer than `min_points`
+        points stay at rest.
         """
         scene, order, spans = self._sorted(labels)
         points_m = np.ascontiguousarray(self._scaled_m[order])
@@ -135,6 +136,7 @@ class Matcher:
             self.config.max_speed_mps * self.elapsed_s,
             self.config.search_above_m,
             self.config.max_turn_radps * self.elapsed_s,
+            max(min_points, 1),
         )
         result = match_components(scene, (points_m, spans), given, rest, limits)
         return Matches(

@@ -27,7 +27,7 @@ _PRIOR_POINTS = 0.3
 _FASTEST_M = 4.0
 _LEAST_VARIANCE_M2 = 0.01**2
 """No range measurement is better than a centimetre."""
-_FINE = 2
+_FINE = 1
 """Times more points for the finer search."""
 _WORTH_POLISHING = 0.9
 """Cost of the best start over the cost of rest, at most, for a finer search."""
@@ -181,7 +181,7 @@ def match_components(
     components: tuple[NDArray[np.float32], NDArray[np.int64]],
     starts: tuple[NDArray[np.float64], NDArray[np.int64]],
     rest: NDArray[np.float64],
-    limits: tuple[int, float, float, float],
+    limits: tuple[int, float, float, float, int],
 ) -> NDArray[np.float64]:
     """(K, 7) of each component: its best motion (shift, turn, centre), its cost, significance.
 
@@ -193,14 +193,15 @@ def match_components(
             each. Rest is always one.
         rest: (K, 2) of no shift, from `shift_costs`.
         limits: points that are compared, longest shift, cost of rest below which none is sought,
-            largest turn.
+            largest turn, points below which a component is not registered.
     """
     points_m, spans = components
     result = np.zeros((len(spans) - 1, 7))
     for k in range(len(result)):
         result[k, 5] = rest[k, 0]
         given = starts[0][starts[1][k] : starts[1][k + 1]]
-        if spans[k + 1] == spans[k] or (rest[k, 0] < limits[2] and len(given) == 0):
+        held = spans[k + 1] - spans[k]
+        if held < limits[4] or (rest[k, 0] < limits[2] and len(given) == 0):
             continue
         candidates = np.zeros((len(given) + 1, 2))
         candidates[1:] = given
@@ -302,7 +303,7 @@ def _polish(
     centre_x, centre_y, radius_m = _middle(points_m)
     turn = 0.0
     turns = len(points_m) >= _TURN_POINTS and radius_m > _TURN_RADIUS_M
-    step = 0.08
+    step = 0.04
     while step > 0.012:
         improved = False
         for axis in range(3 if turns else 2):

@@ -57,7 +57,8 @@ class Refiner:
         rows, cols, inside = field.grid.cells(matcher.points_m)
         labels = Labels(np.where(inside, cells[rows, cols], -1), count)
         start_m = -_medians(field.velocity_mps, cells, count) * prepared.elapsed_s
-        matches = matcher.match(labels, (start_m, np.arange(count + 1)))
+        starts = start_m, np.arange(count + 1)
+        matches = matcher.match(labels, starts, min_points=self.config.min_points)
         claimed_m = matcher.costs(labels, start_m)
         refined, withdrawn = self._judge(matches, start_m, claimed_m)
         return _applied(field, cells, _Outcome(matches, refined, withdrawn, prepared.elapsed_s))

@@ -80,17 +80,23 @@ def nearest(
 ) -> tuple[int, float]:
     """Sorted index and squared distance of the nearest point within `gate_m`; (-1, gate^2) if none.
 
-    The distance is taken in three dimensions. `gate_m` must not exceed the cell size: only the
-    cells that the square of that radius touches are visited.
+    The distance is taken in three dimensions. The point's own row of cells comes first, then its
+    neighbours outwards; each is looked at as far as a nearer point could still lie in it.
     """
     best, best_d2 = -1, gate_m * gate_m
-    col_low = max(int(np.floor((x_m - gate_m - grid.x_min_m) / grid.cell_m)), 0)
-    col_high = min(int(np.floor((x_m + gate_m - grid.x_min_m) / grid.cell_m)), grid.cols - 1)
-    row_low = max(int(np.floor((y_m - gate_m - grid.y_min_m) / grid.cell_m)), 0)
-    row_high = min(int(np.floor((y_m + gate_m - grid.y_min_m) / grid.cell_m)), grid.rows - 1)
-    if col_low > col_high:
-        return best, best_d2
-    for row in range(row_low, row_high + 1):
+    own_col, own_row = (x_m - grid.x_min_m) / grid.cell_m, (y_m - grid.y_min_m) / grid.cell_m
+    middle = int(np.floor(own_row))
+    best, best_d2 = _nearest_in_cell(grid, (x_m, y_m, z_m), (best, best_d2))
+    for step in range(2 * int(np.ceil(gate_m / grid.cell_m)) + 1):
+        row = middle + ((step + 1) // 2 if step % 2 else -(step // 2))
+        gap = max(row - own_row, own_row - row - 1, 0.0) * grid.cell_m
+        if gap * gap >= best_d2 or row < 0 or row >= grid.rows:
+            continue
+        half = np.sqrt(best_d2 - gap * gap) / grid.cell_m
+        col_low = max(int(np.floor(own_col - half)), 0)
+        col_high = min(int(np.floor(own_col + half)), grid.cols - 1)
+        if col_low > col_high:
+            continue
         first = grid.start[row * grid.cols + col_low]
         last = grid.start[row * grid.cols + col_high + 1]
         for k in range(first, last):
@@ -100,4 +106,25 @@ def nearest(
             d2 = dx * dx + dy * dy + dz * dz
             if d2 < best_d2:
                 best, best_d2 = k, d2
+    return best, best_d2
+
+
+@njit(cache=True, fastmath=True)
+def _nearest_in_cell(
+    grid: PointGrid, point_m: tuple[float, float, float], found: tuple[int, float]
+) -> tuple[int, float]:
+    """The nearest point of the cell that holds `point_m`: it bounds what else is looked at."""
+    best, best_d2 = found
+    col = int(np.floor((point_m[0] - grid.x_min_m) / grid.cell_m))
+    row = int(np.floor((point_m[1] - grid.y_min_m) / grid.cell_m))
+    if not (0 <= col < grid.cols and 0 <= row < grid.rows):
+        return best, best_d2
+    cell = row * grid.cols + col
+    for k in range(grid.start[cell], grid.start[cell + 1]):
+        dx = grid.xyz_m[k, 0] - point_m[0]
+        dy = grid.xyz_m[k, 1] - point_m[1]
+        dz = grid.xyz_m[k, 2] - point_m[2]
+        d2 = dx * dx + dy * dy + dz * dz
+        if d2 < best_d2:
+            best, best_d2 = k, d2
     return best, best_d2

@@ -72,9 +72,15 @@ class DogmaFlow:
         """The map after the last sweep, in world axes; None before the first."""
         return self._map
 
-    def moving(self) -> NDArray[np.bool_] | None:
-        """(rows, cols) of `grid_map`: the cells that the Mahalanobis test calls moving."""
-        return None if self._map is None else is_moving(self._map, self.config.readout)
+    def current_map(self) -> tuple[GridMap, NDArray[np.bool_]]:
+        """`grid_map`, and which (rows, cols) of its cells the Mahalanobis test calls moving.
+
+        Raises:
+            InputError: there has been no sweep since `reset`.
+        """
+        if self._map is None:
+            raise InputError("sweeps since reset()", 0, "at least one")
+        return self._map, is_moving(self._map, self.config.readout)
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
         """The field at `current`, after all sweeps given since `reset`.
