@@ -3,11 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+READY_DOCS := $(VENV)/.ready-docs
 OUT ?= out/demo
 # tests share the cores with pytest-xdist, so a library must not open threads of its own
 TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test lint bench oracle peers forget clean
+.PHONY: demo test lint docs bench oracle peers forget clean
 
 demo: $(READY)
 	$(BIN)/mottrack demo --out $(OUT)
@@ -21,6 +22,11 @@ lint: $(READY)
 	$(BIN)/mypy --strict mottrack
 	$(BIN)/lint-imports
 
+# NO_MKDOCS_2_WARNING: the theme advertises its successor
+docs: $(READY_DOCS)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "docs: site/index.html"
+
 bench: $(READY)
 	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script --quick || exit 1; done
 
@@ -28,6 +34,10 @@ $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q -c constraints.txt torch==2.13.0
 	$(BIN)/python -m pip install -q -c constraints.txt -e ".[dev]"
+	@touch $@
+
+$(READY_DOCS): $(READY)
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[docs]"
 	@touch $@
 
 # The official evaluators pin other versions of numpy, so they live in an environment of their own.
@@ -45,4 +55,4 @@ forget:
 	find mottrack benchmarks -name '*.nb[ci]' -delete
 
 clean:
-	rm -rf $(VENV) .venv-oracle .venv-peers out build dist
+	rm -rf $(VENV) .venv-oracle .venv-peers out site build dist

@@ -1,0 +1,66 @@
+"""The configuration reference, from the pydantic models themselves."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from fields import rows
+from pieces import code, paragraphs, table
+from pydantic import BaseModel
+
+from mottrack.flow.pillarflow.training.config import TrainConfig
+from mottrack.pipeline.catalogue import catalogue
+from mottrack.pipeline.configs import shipped_folder
+from mottrack.pipeline.plugins import TABLES
+from mottrack.pipeline.settings import Settings
+
+HEAD = ("key", "type", "default", "range", "")
+CATALOGUE = {"dataset": "datasets", "objects": "objects", "flow": "flows", "tracker": "trackers"}
+INTRODUCTION = """# Configuration
+
+An experiment is a YAML file of these keys. On the command line `key=value` overrides one, a comma
+makes a sweep (`flow=zero,icp`), and a wrong key or value is an error that names the valid ones.
+`NAME` of a part is one of those below, a file `<group>/NAME.yaml` beside the experiment or shipped,
+or `module:Class` of your own. This page is made from the models that check every run.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [INTRODUCTION, _shipped(), "## The experiment\n", _table(Settings, "")]
+    for group, (_, names) in TABLES.items():
+        parts.append(f"## {group}\n\nSet by `{group}=NAME`, or `{group}: {{kind: NAME, ...}}`.\n")
+        parts += [_part(group, name, place) for name, place in names.items()]
+    parts.append("## Training\n\nOf `mottrack train`: a file of its own.\n")
+    parts.append(_table(TrainConfig, ""))
+    return "\n".join(parts)
+
+
+def _part(group: str, name: str, place: str) -> str:
+    model = model_of(place)
+    summary = paragraphs(catalogue()[CATALOGUE[group]][name])
+    return f"### {group}={name} {{ #{group}-{name} }}\n\n{summary}\n{_table(model, f'{group}.')}"
+
+
+def model_of(place: str) -> type[BaseModel]:
+    """The settings of the class at ``module:Class``."""
+    module, _, name = place.partition(":")
+    model: type[BaseModel] = getattr(import_module(module), name).Config
+    return model
+
+
+def _table(model: type[BaseModel], prefix: str) -> str:
+    cells = [
+        (code(r.key), r.type, code(r.default), r.range, r.description) for r in rows(model, prefix)
+    ]
+    return table(HEAD, cells) if cells else "It has no settings.\n"
+
+
+def _shipped() -> str:
+    folder = shipped_folder()
+    lines = []
+    for file in sorted(folder.rglob("*.yaml")):
+        name = str(file.relative_to(folder).with_suffix(""))
+        said = [line[2:] for line in file.read_text("utf-8").splitlines() if line.startswith("# ")]
+        lines.append((code(name.replace("/", "=")), said[0] if said else ""))
+    return "## Shipped files\n\n" + table(("name", ""), lines)

@@ -1,0 +1,47 @@
+"""What mkdocs calls: adds the generated pages and turns formulas into MathML.
+
+MathML is drawn by the browser itself, so no page loads a script or a font from the network.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+from mkdocs.structure.files import File, Files
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import command_line
+import configuration
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PAGES = {
+    "reference/configuration.md": configuration.page,
+    "reference/command_line.md": command_line.page,
+    "changelog.md": lambda: (REPOSITORY / "CHANGELOG.md").read_text("utf-8"),
+    "contributing.md": lambda: (REPOSITORY / "CONTRIBUTING.md").read_text("utf-8"),
+}
+FORMULA = re.compile(r'<(div|span) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>', re.DOTALL)
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Adds what is made from the sources."""
+    for path, page in PAGES.items():
+        files.append(File.generated(config, path, content=page()))
+    return files
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Puts MathML in the place of LaTeX."""
+    return FORMULA.sub(_formula, content)
+
+
+def _formula(match: re.Match[str]) -> str:
+    block = match[2] == "["
+    drawn = convert(html.unescape(match[3]), display="block" if block else "inline")
+    return f'<div class="formula">{drawn}</div>' if block else drawn

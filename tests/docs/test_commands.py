@@ -1,0 +1,69 @@
+"""Every command that a text shows exists, with its options and its shipped names."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+
+from mottrack.cli import app
+from mottrack.pipeline.configs import find_config, shipped_folder
+
+from .conftest import REPOSITORY, TEXTS, blocks, names
+
+EXPERIMENTS = ("run", "compare", "train", "examples", "estimate-noise")
+
+
+def lines(file: Path) -> list[str]:
+    return [line for code in blocks(file, "") for line in code.splitlines()]
+
+
+def commands(file: Path, word: str) -> list[list[str]]:
+    """The words after ``word`` of each line that begins with it; comments are left out."""
+    starts = re.compile(rf"^(?:\$ )?(?:[A-Z]+=\S+ )?{word} (.*)$")
+    found = [match[1] for line in lines(file) if (match := starts.match(line))]
+    return [shlex.split(text, comments=True) for text in found]
+
+
+@pytest.mark.parametrize("text", names(TEXTS))
+def test_commands_of(text: str) -> None:
+    for words in commands(REPOSITORY / text, "mottrack"):
+        command, rest = typer.main.get_command(app), list(words)
+        while getattr(command, "commands", None):
+            assert rest[0] in command.commands, f"no verb {rest[0]} in: {' '.join(words)}"
+            command = command.commands[rest.pop(0)]
+        known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
+        unknown = {word for word in rest if word.startswith("--")} - known
+        assert not unknown, f"{unknown} in: {' '.join(words)}"
+        if words[0] in EXPERIMENTS and not rest[0].isupper() and rest[0] != "my.yaml":
+            assert find_config(rest[0]).is_file()
+        assert not [w for w in rest if unknown_name(w)], " ".join(words)
+
+
+def unknown_name(word: str) -> bool:
+    """Whether ``flow=a,b`` names something that is not there."""
+    from mottrack.pipeline.plugins import TABLES
+
+    group, sign, values = word.partition("=")
+    if not sign or group not in TABLES or values.startswith("{"):
+        return False
+    known = {*TABLES[group][1], *(f.stem for f in (shipped_folder() / group).glob("*.yaml"))}
+    return any(v not in known and ":" not in v and v != "ipc" for v in values.split(","))
+
+
+def test_a_name_that_is_not_there_is_seen() -> None:
+    assert unknown_name("flow=zero,pillarflo")
+    assert not unknown_name("flow=zero,icp,my_module:MyFlow")
+
+
+@pytest.mark.parametrize("text", names(TEXTS))
+def test_make_targets_scripts_and_files_of(text: str) -> None:
+    makefile = (REPOSITORY / "Makefile").read_text("utf-8")
+    content = (REPOSITORY / text).read_text("utf-8")
+    for target in re.findall(r"`make ([a-z]+)`|^make ([a-z]+)", content, re.MULTILINE):
+        assert f"\n{''.join(target)}:" in makefile
+    for script in re.findall(r"python ((?:benchmarks|examples)/\w+\.py)", content):
+        assert (REPOSITORY / script).is_file(), script

@@ -1,0 +1,71 @@
+"""Every Python block of the README and of the documentation runs as it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mottrack import Pose, Sweep
+
+from .conftest import INCLUDED, REPOSITORY, TEXTS, blocks, names
+
+WITH_PYTHON = [file for file in TEXTS if blocks(file, "python")]
+
+
+def test_there_are_blocks_to_run() -> None:
+    assert {"README.md", "docs/streaming.md", "docs/quick_start.md"} <= set(names(WITH_PYTHON))
+
+
+@pytest.mark.parametrize("text", names(WITH_PYTHON))
+def test_python_blocks_of(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    namespace: dict[str, Any] = what_the_reader_has()
+    for number, code in enumerate(blocks(REPOSITORY / text, "python"), 1):
+        exec(compile(code, f"{text}, block {number}", "exec"), namespace)  # noqa: S102
+
+
+def what_the_reader_has() -> dict[str, Any]:
+    """The names that a text may take for granted: a sensor, a detector, two sweeps."""
+    return {
+        "detections": [(k * 10**8, boxes(float(k))) for k in range(5)],
+        "lidar": [cloud(0.5 * k) for k in range(4)],
+        "previous": sweep(0.0, 0),
+        "current": sweep(1.0, 10**8),
+    }
+
+
+def boxes(x_m: float) -> SimpleNamespace:
+    return SimpleNamespace(
+        centre=np.array([[x_m, 0.0, 0.8]]),
+        size=np.array([[4.5, 1.9, 1.6]]),
+        yaw=np.zeros(1),
+        label=np.array(["car"]),
+        score=np.array([0.9]),
+    )
+
+
+def sweep(x_m: float, stamp_ns: int) -> Sweep:
+    points = cloud(x_m)
+    origin_m = np.array([0.0, 0.0, 1.8])
+    return Sweep(points, np.zeros(len(points)), stamp_ns, Pose.identity(), origin_m)
+
+
+def cloud(x_m: float) -> np.ndarray:
+    """A car at x_m, 8 m to the left, on flat ground."""
+    return np.concatenate(list(parts(x_m))).astype(np.float32)
+
+
+def parts(x_m: float) -> Iterator[np.ndarray]:
+    rng = np.random.default_rng(0)
+    yield rng.uniform(-0.5, 0.5, (400, 3)) * [4.5, 1.9, 1.2] + [x_m, 8.0, 1.0]
+    yield np.column_stack([rng.uniform(-40, 40, (8000, 2)), rng.normal(0, 0.01, 8000)])
+
+
+def test_the_files_that_texts_include_are_there() -> None:
+    included = [name for file in TEXTS for name in INCLUDED.findall(file.read_text("utf-8"))]
+    assert "examples/own_flow.py" in included
+    assert all(Path(REPOSITORY / name).is_file() for name in included)

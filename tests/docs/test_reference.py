@@ -1,0 +1,52 @@
+"""The generated reference names everything that there is."""
+
+from __future__ import annotations
+
+import importlib
+
+import pytest
+
+from mottrack.flow.pillarflow.training.config import TrainConfig
+from mottrack.pipeline.catalogue import catalogue
+from mottrack.pipeline.plugins import TABLES
+from mottrack.pipeline.settings import Settings
+
+pytestmark = pytest.mark.usefixtures("page_makers")
+
+
+def test_every_part_of_the_catalogue_and_every_key_has_its_place() -> None:
+    configuration, fields = (importlib.import_module(m) for m in ("configuration", "fields"))
+    page = configuration.page()
+    for group, (_, names) in TABLES.items():
+        summaries = catalogue()[configuration.CATALOGUE[group]]
+        for name, place in names.items():
+            assert f"### {group}={name} " in page
+            assert summaries[name] in page
+            for row in fields.rows(configuration.model_of(place), f"{group}."):
+                assert f"| `{row.key}` |" in page
+    assert "| `tracker.life.confirm_s` | number | `0.25` |" in page
+    assert "| `pair_s` | number | `0.1` | > 0, ≤ 0.3 |" in page
+
+
+def test_every_setting_says_what_it_is() -> None:
+    configuration, fields = (importlib.import_module(m) for m in ("configuration", "fields"))
+    places = [place for _, names in TABLES.values() for place in names.values()]
+    models = [Settings, TrainConfig, *(configuration.model_of(place) for place in places)]
+    silent = {(m.__name__, r.key) for m in models for r in fields.rows(m) if not r.description}
+    assert not silent - ALLOWED
+
+
+ALLOWED = {("Settings", "scores.match_by"), ("Settings", "scores.velocity.vulnerable_classes")}
+"""Values and name say it all."""
+
+
+def test_every_verb_and_every_option_has_its_place_and_a_word_about_it() -> None:
+    command_line = importlib.import_module("command_line")
+    page = command_line.page()
+    found = dict(command_line.commands())
+    assert {"mottrack run", "mottrack eval nuscenes", "mottrack estimate-noise"} <= found.keys()
+    for name, command in found.items():
+        assert f"## {name}\n" in page
+        assert command.help, name
+        for option in (o for p in command.params for o in p.opts if o.startswith("--")):
+            assert f"`{option}`" in page
