@@ -172,3 +172,18 @@ def test_a_light_import_leaves_the_pipeline_for_later() -> None:
     assert not heavy & set(run.stdout.split())
     with pytest.raises(AttributeError, match="Pipelin"):
         mottrack.Pipelin  # noqa: B018
+
+
+def test_the_ground_of_a_map_reaches_the_clusters() -> None:
+    from toy_plugins import ToyScene
+
+    asked: list[int] = []
+
+    class MappedScene(ToyScene):
+        def ground_height(self, xy_m: np.ndarray) -> np.ndarray:
+            asked.append(len(xy_m))
+            return np.zeros(len(xy_m))
+
+    experiment = load_to_stream("demo", ["flow=zero", "objects=clusters", "score_flow=false"])
+    run_scene(experiment, MappedScene("a", 2, None), keep_snapshots=False)
+    assert len(asked) == 2
