@@ -14,7 +14,7 @@ from mottrack.pipeline.configs import shipped_folder
 from mottrack.pipeline.plugins import TABLES
 from mottrack.pipeline.settings import Settings
 
-HEAD = ("key", "type", "default", "range", "")
+HEAD = ("key", "value", "default", "")
 CATALOGUE = {"dataset": "datasets", "objects": "objects", "flow": "flows", "tracker": "trackers"}
 INTRODUCTION = """# Configuration
 
@@ -51,7 +51,7 @@ def model_of(place: str) -> type[BaseModel]:
 
 def _table(model: type[BaseModel], prefix: str) -> str:
     cells = [
-        (code(r.key), r.type, code(r.default), r.range, r.description) for r in rows(model, prefix)
+        (code(r.key), f"{r.type}, {r.range}".strip(", "), code(r.default), r.description) for r in rows(model, prefix)
     ]
     return table(HEAD, cells) if cells else "It has no settings.\n"
 
