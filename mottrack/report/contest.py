@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mottrack.pipeline.comparison import ScoredRun
 from mottrack.report.measures import Measure
 
-ORACLE_FLOW = "ground_truth"
+ORACLE_FLOW, NO_FLOW = "ground_truth", "zero"
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,11 @@ class Entrant:
         """Whether it was given the true flow."""
         return self.run.experiment.flow.kind == ORACLE_FLOW
 
+    @property
+    def measures_flow(self) -> bool:
+        """Whether there is any flow to look at."""
+        return self.run.experiment.flow.kind != NO_FLOW
+
 
 @dataclass(frozen=True)
 class Cell:
@@ -36,8 +41,8 @@ class Cell:
 
     text: str
     best: bool = False
-    note: str = ""
-    """What stands small below it."""
+    under: tuple[tuple[str, bool], ...] = ()
+    """What stands small below it, and whether it is the best of its kind."""
 
 
 def best_of(

@@ -10,16 +10,22 @@ from mottrack.pipeline.differences import RunDifferences
 from mottrack.report.contest import Entrant
 
 SHOWN = {
-    ("tracking", "all"): ("AMOTA", "AMOTP", "MOTA", "MOTP", "IDS"),
-    ("velocity", "all"): ("mean", "worst 5 %"),
-    ("velocity", "static objects"): ("mean",),
-    ("velocity", "pedestrian & cyclist"): ("mean",),
-    ("velocity", "objects observed stationary"): ("mean",),
-    ("velocity", "slow (0, 3] m/s"): ("mean",),
-    ("velocity", "fast [3, inf) m/s"): ("mean",),
-    ("flow", "dynamic"): ("RMSE",),
-    ("flow", "static"): ("RMSE",),
+    ("tracking", "all", "AMOTA"): "AMOTA",
+    ("tracking", "all", "AMOTP"): "AMOTP",
+    ("tracking", "all", "MOTA"): "official MOTA (mean over classes)",
+    ("tracking", "all", "MOTP"): "official MOTP (mean over classes)",
+    ("tracking", "all", "IDS"): "identity switches",
+    ("velocity", "all", "mean"): "velocity error (all)",
+    ("velocity", "all", "worst 5 %"): "velocity error (worst 5 %)",
+    ("velocity", "static objects", "mean"): "velocity error (static objects)",
+    ("velocity", "pedestrian & cyclist", "mean"): "velocity error (pedestrian & cyclist)",
+    ("velocity", "objects observed stationary", "mean"): "velocity error (stationary objects)",
+    ("velocity", "slow (0, 3] m/s", "mean"): "velocity error (slow)",
+    ("velocity", "fast [3, inf) m/s", "mean"): "velocity error (fast)",
+    ("flow", "dynamic", "RMSE"): "flow RMSE (moving cells)",
+    ("flow", "static", "RMSE"): "flow RMSE (standing cells)",
 }
+COUNTED = "IDS"
 
 
 @dataclass(frozen=True)
@@ -52,17 +58,18 @@ class Whisker:
     @property
     def value_text(self) -> str:
         """The run's own figure."""
-        return f"{self.row.value:.3f}"
+        return _number(self.row, self.row.value)
 
     @property
     def difference_text(self) -> str:
         """With its sign."""
-        return _signed(self.row.difference)
+        return _number(self.row, self.row.difference, "+")
 
     @property
     def interval_text(self) -> str:
         """Both ends."""
-        return f"{_signed(self.row.low)} … {_signed(self.row.high)}" if self.known else "–"
+        ends = [_number(self.row, end, "+") for end in (self.row.low, self.row.high)]
+        return " … ".join(ends) if self.known else "–"
 
 
 WORDS = {"better": "better", "worse": "worse", "alike": "not told apart", "": "too few scenes"}
@@ -88,22 +95,21 @@ def difference_groups(
     groups = []
     for baseline in dict.fromkeys(d.baseline for d in differences):
         ours = [d for d in differences if d.baseline == baseline and d.run in by_title]
-        for (table, row), metrics in SHOWN.items():
-            for metric in metrics:
-                found = [
-                    (by_title[d.run], paired)
-                    for d in ours
-                    for paired in d.rows
-                    if (paired.key.table, paired.key.row, paired.key.metric) == (table, row, metric)
-                    and paired.difference == paired.difference
-                ]
-                if found:
-                    groups.append(_group(baseline, found))
+        for key, name in SHOWN.items():
+            found = [
+                (by_title[d.run], paired)
+                for d in ours
+                for paired in d.rows
+                if (paired.key.table, paired.key.row, paired.key.metric) == key
+                and paired.difference == paired.difference
+            ]
+            if found:
+                groups.append(_group(name, baseline, found))
     return groups
 
 
-def _group(baseline: str, found: Sequence[tuple[Entrant, Paired]]) -> Group:
-    key, value = found[0][1].key, f"{found[0][1].baseline:.3f}"
+def _group(name: str, baseline: str, found: Sequence[tuple[Entrant, Paired]]) -> Group:
+    key, value = found[0][1].key, _number(found[0][1], found[0][1].baseline)
     ends = [abs(x) for _, row in found for x in (row.low, row.high, row.difference) if x == x]
     reach = max(*ends, 1e-12) * (-1.0 if key.lower_is_better else 1.0)  # better is to the right
     whiskers = tuple(
@@ -116,12 +122,13 @@ def _group(baseline: str, found: Sequence[tuple[Entrant, Paired]]) -> Group:
         )
         for entrant, row in found
     )
-    name = key.metric if key.table == "tracking" else f"{key.table}, {key.row}: {key.metric}"
     return Group(name, key.unit, key.lower_is_better, baseline, value, whiskers)
 
 
-def _signed(value: float) -> str:
-    return f"{value:+.3f}".replace("-", "−")
+def _number(row: Paired, value: float, sign: str = "") -> str:
+    digits = 1 if row.key.metric == COUNTED and value != round(value) else 3
+    digits = 0 if row.key.metric == COUNTED and value == round(value) else digits
+    return f"{value:{sign}.{digits}f}".replace("-", "−")
 
 
 def _percent(value: float, reach: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mottrack.core.snapshot import Snapshot, load_snapshots
@@ -95,13 +95,17 @@ def _reel(
     return Reel(dataset, scene, stage.packed(), runs)
 
 
-def contents(reels: Sequence[Reel], titles: Mapping[int, str]) -> list[dict[str, object]]:
+def contents(reels: Sequence[Reel], entrants: Sequence[Entrant]) -> list[dict[str, object]]:
     """What the page's scripts need know to find a reel."""
     several = len({reel.dataset for reel in reels}) > 1
     return [
         {
             "name": f"{reel.dataset}: {reel.scene}" if several else reel.scene,
-            "runs": [{"index": k, "title": titles[k]} for k in reel.runs],
+            "runs": [
+                {"index": e.index, "title": e.title, "flows": not e.oracle and e.measures_flow}
+                for e in entrants
+                if e.index in reel.runs
+            ],
         }
         for reel in reels
     ]

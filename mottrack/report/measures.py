@@ -23,10 +23,12 @@ class Measure:
         """Where the glossary explains it."""
         return f"def-{self.key}"
 
-    def text(self, value: float | None) -> str:
+    def text(self, value: float) -> str:
         """The value as a table shows it."""
-        if value is None or value != value:
+        if value != value:
             return "–"
+        if self.unit == "%":
+            return f"{100 * value:.{self.digits}f} %"
         return f"{value:.{0 if isinstance(value, int) else self.digits}f}"
 
 
@@ -150,7 +152,8 @@ FLOW = (
         "within 1 m/s",
         "Share of the cells whose velocity is wrong by at most 1 m/s.",
         lower_is_better=False,
-        digits=2,
+        digits=0,
+        unit="%",
     ),
 )
 

@@ -18,7 +18,7 @@ from mottrack.report.contest import Entrant
 from mottrack.report.differences import difference_groups
 from mottrack.report.films import Programme, contents, programme
 from mottrack.report.measures import FLOW, GLOSSARY, INTERVAL, TIMING, TRACKING, VELOCITY
-from mottrack.report.summary import cards
+from mottrack.report.summary import cards, headlines
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
 from mottrack.report.timing import BUDGET_MS, Timing, stages_of, time_bars, time_rows
 
@@ -66,15 +66,18 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
 def _content(
     entrants: Sequence[Entrant], analyses: Sequence[Analysis], comparison: Comparison
 ) -> dict[str, Any]:
+    groups = difference_groups(comparison.differences, entrants)
+    answers = cards(entrants, analyses, comparison.differences)
     return {
         "name": entrants[0].run.experiment.settings.name if entrants else "run",
         "version": mottrack.__version__,
         "entrants": entrants,
         "scene_count": len({s for e in entrants for s in e.run.report.finished}),
         "failed": comparison.failed,
-        "cards": cards(entrants, analyses, comparison.differences),
+        "cards": answers,
+        "headlines": headlines(answers, groups),
         "common_scenes": max((d.scenes for d in comparison.differences), default=0),
-        "difference_groups": difference_groups(comparison.differences, entrants),
+        "difference_groups": groups,
         "tracking": tracking_blocks(entrants),
         "velocity": velocity_blocks(entrants),
         "flow": flow_blocks(entrants),
@@ -100,16 +103,20 @@ def _times(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> dic
 def _moving(
     shown: Programme, entrants: Sequence[Entrant], analyses: Sequence[Analysis]
 ) -> dict[str, Any]:
-    titles = {e.index: e.title for e in entrants}
     return {
         "programme": shown,
         "data": {
             "runs": [
-                {"title": e.title, "oracle": e.oracle, **a.as_dict()}
+                {
+                    "title": e.title,
+                    "oracle": e.oracle,
+                    "truth": {k: v.clear.truth for k, v in e.run.scores.classes.items()},
+                    **a.as_dict(),
+                }
                 for e, a in zip(entrants, analyses, strict=True)
             ],
             "budget_ms": BUDGET_MS,
-            "films": contents(shown.reels, titles),
+            "films": contents(shown.reels, entrants),
         },
     }
 

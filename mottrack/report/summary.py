@@ -9,6 +9,7 @@ from mottrack.eval.paired import Paired
 from mottrack.pipeline.differences import RunDifferences
 from mottrack.report.analysis import Analysis
 from mottrack.report.contest import Entrant, best_of
+from mottrack.report.differences import Group
 from mottrack.report.measures import FLOW, TIMING, TRACKING, VELOCITY, Measure
 
 NAN = float("nan")
@@ -71,21 +72,21 @@ QUESTIONS = (
     Question(BY_KEY["mota"], "MOTA", _of_class("mota"), None),
     Question(BY_KEY["idf1"], "IDF1", _of_class("idf1"), None),
     Question(
-        BY_KEY["mean_mps"], "velocity error, all", _velocity("all"), ("velocity", "all", "mean")
+        BY_KEY["mean_mps"], "velocity error (all)", _velocity("all"), ("velocity", "all", "mean")
     ),
     Question(
         BY_KEY["mean_mps"],
-        "velocity error, static objects",
+        "velocity error (static objects)",
         _velocity("static objects"),
         ("velocity", "static objects", "mean"),
     ),
     Question(
         BY_KEY["mean_mps"],
-        "velocity error, fast",
+        "velocity error (fast)",
         _velocity("fast [3, inf) m/s"),
         ("velocity", "fast [3, inf) m/s", "mean"),
     ),
-    Question(BY_KEY["rmse_mps"], "flow RMSE, moving cells", _flow, ("flow", "dynamic", "RMSE")),
+    Question(BY_KEY["rmse_mps"], "flow RMSE (moving cells)", _flow, ("flow", "dynamic", "RMSE")),
     Question(TIMING, "time a key frame", _time, None),
 )
 
@@ -153,3 +154,37 @@ WORDS = {
     "worse": "really worse",
     "alike": "not told apart from it by these scenes",
 }
+
+
+def headlines(made: Sequence[Card], groups: Sequence[Group]) -> list[str]:
+    """Who has the best figures, and which differences the scenes bear out."""
+    return [text for text in (_winners(made), *_findings(groups)) if text]
+
+
+def _winners(made: Sequence[Card]) -> str:
+    won: dict[str, list[str]] = {}
+    for card in made:
+        for bar in card.bars:
+            if bar.best:
+                won.setdefault(bar.entrant.title, []).append(card.question.title)
+    told = [f"{title} in {_listed(names)}" for title, names in won.items()]
+    return f"Best figures: {'; '.join(told)}." if told else ""
+
+
+def _findings(groups: Sequence[Group]) -> list[str]:
+    texts = []
+    for baseline in dict.fromkeys(group.baseline for group in groups):
+        ours = [group for group in groups if group.baseline == baseline]
+        found: dict[tuple[str, str], list[str]] = {}
+        for group in ours:
+            for w in group.whiskers:
+                if w.verdict in ("better", "worse") and not w.entrant.oracle:
+                    found.setdefault((w.entrant.title, w.verdict), []).append(group.name)
+        told = [f"{run} is {verdict} in {_listed(n)}" for (run, verdict), n in found.items()]
+        words = "; ".join(told) if told else "no difference, in any figure compared"
+        texts.append(f"Borne out by the scenes (95 %), against {baseline}: {words}.")
+    return texts
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from mottrack.eval.flow_error import FlowError
 from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy
 from mottrack.eval.scores import ClassScores
-from mottrack.eval.velocity_error import NO_ROWS
+from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
 from mottrack.report.contest import Cell, Entrant, best_of
 from mottrack.report.measures import FLOW, TRACKING, VELOCITY, Measure
 
@@ -67,7 +67,7 @@ def _column(
 
 
 def velocity_blocks(entrants: Sequence[Entrant]) -> list[Block]:
-    """A line a category, two columns a run; the classes of the objects below."""
+    """A line a category, a column a run; the classes of the objects below."""
     names = list(dict.fromkeys(row for e in entrants for row in e.run.scores.velocity))
     rows = [_velocity_row(name, entrants) for name in names]
     return _blocks(rows, LEADING_VELOCITY_ROWS, "by class of the object")
@@ -75,34 +75,41 @@ def velocity_blocks(entrants: Sequence[Entrant]) -> list[Block]:
 
 def _velocity_row(name: str, entrants: Sequence[Entrant]) -> Row:
     errors = [e.run.scores.velocity.get(name, NO_ROWS) for e in entrants]
-    mean, worst = (
-        best_of(measure, [getattr(error, measure.key) for error in errors], entrants)
-        for measure in VELOCITY
-    )
-    cells = []
-    for k, error in enumerate(errors):
-        cells.append(Cell(VELOCITY[0].text(error.mean_mps), mean[k], f"{error.count} rows"))
-        cells.append(Cell(VELOCITY[1].text(error.worst_mean_mps), worst[k]))
-    return Row(name, tuple(cells))
+    cells = _stacked_cells(VELOCITY, errors, entrants)
+    with_counts = [
+        replace(cell, under=(*cell.under, (f"{error.count} rows", False)))
+        for cell, error in zip(cells, errors, strict=True)
+    ]
+    return Row(name, tuple(with_counts))
 
 
 def flow_blocks(entrants: Sequence[Entrant]) -> list[Block]:
-    """A line a kind of cell, three columns a run; by speed and by range below."""
+    """A line a kind of cell, a column a run; by speed and by range below."""
+    nothing = FlowError(0, *(6 * [NAN]))
     names = list(dict.fromkeys(row for e in entrants for row in e.run.scores.flow))
-    rows = [_flow_row(name, entrants) for name in names]
+    rows = []
+    for name in names:
+        errors = [e.run.scores.flow.get(name, nothing) for e in entrants]
+        rows.append(Row(name, tuple(_stacked_cells(FLOW, errors, entrants))))
     return _blocks(rows, LEADING_FLOW_ROWS, "by true speed and by range")
 
 
-def _flow_row(name: str, entrants: Sequence[Entrant]) -> Row:
-    nothing = FlowError(0, *(6 * [NAN]))
-    errors = [e.run.scores.flow.get(name, nothing) for e in entrants]
-    best = [best_of(m, [getattr(error, m.key) for error in errors], entrants) for m in FLOW]
-    cells = [
-        Cell(measure.text(getattr(error, measure.key)), best[j][k])
-        for k, error in enumerate(errors)
-        for j, measure in enumerate(FLOW)
+def _stacked_cells(
+    measures: Sequence[Measure],
+    errors: Sequence[ErrorRow] | Sequence[FlowError],
+    entrants: Sequence[Entrant],
+) -> list[Cell]:
+    """A cell a run: the first measure large, the others small below it."""
+    columns = []
+    for measure in measures:
+        values = [float(getattr(error, measure.key)) for error in errors]
+        best = best_of(measure, values, entrants)
+        columns.append([(measure.text(v), b) for v, b in zip(values, best, strict=True)])
+    first, *others = columns
+    return [
+        Cell(text, best, tuple(other[k] for other in others))
+        for k, (text, best) in enumerate(first)
     ]
-    return Row(name, tuple(cells))
 
 
 def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:

@@ -15,6 +15,7 @@ from mottrack.report.tables import Row
 BUDGET_MS = 100.0
 """Time between two sweeps at 10 Hz."""
 WIDEST_BUDGETS = 8
+ORDER = ("flow", "objects", "velocity", "tracker")
 NOT_COUNTED = ("read", "total")
 """A vehicle reads no files; a total is the sum of the others."""
 
@@ -35,7 +36,7 @@ class Timing:
     def of(cls, results: Sequence[SceneResult]) -> Timing | None:
         """Over all key frames of the scenes; None where nothing was timed."""
         timed = [result.timings_s for result in results if result.timings_s]
-        stages = [s for s in dict.fromkeys(s for t in timed for s in t) if s not in NOT_COUNTED]
+        stages = sorted({s for t in timed for s in t} - set(NOT_COUNTED), key=_place)
         if not stages:
             return None
         frames = [len(next(iter(t.values()))) for t in timed]
@@ -79,7 +80,12 @@ class TimeBar:
 
 def stages_of(timings: Sequence[Timing | None]) -> list[str]:
     """Every stage that any run has, in order."""
-    return list(dict.fromkeys(stage for t in timings if t is not None for stage in t.stage_ms))
+    return sorted({stage for t in timings if t is not None for stage in t.stage_ms}, key=_place)
+
+
+def _place(stage: str) -> tuple[int, str]:
+    """Where a stage stands in a step; one that the pipeline does not know comes last."""
+    return ORDER.index(stage) if stage in ORDER else len(ORDER), stage
 
 
 def time_bars(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> list[TimeBar]:

@@ -3,6 +3,7 @@ const LAYERS = [
   { key: "points", name: "points", style: "solid", on: true },
   { key: "flow", name: "flow", style: "solid", on: true },
   { key: "truth", name: "truth", style: "", on: true },
+  { key: "unseen", name: "unseen truth", style: "dashed", on: false },
   { key: "objects", name: "detections", style: "dashed", on: false },
   { key: "tracks", name: "tracks", style: "", on: true },
   { key: "trails", name: "trails", style: "solid", on: true },
@@ -10,8 +11,8 @@ const LAYERS = [
   { key: "ids", name: "ids", style: "solid", on: true },
   { key: "errors", name: "errors", style: "", on: true },
 ];
-const LIGHT = { ground: "#f6f7f8", rings: "#dde2e6", points: "#7b858e", still: "#59626b", truth: "#17924c", objects: "#64748b", tracks: "#d1570b", trails: "#e9a06f", velocities: "#d1570b", ids: "#a03f05", flow: "#6a5acd", miss: "#2a78bd", "false positive": "#c8402c", switch: "#8f5bbd", errors: "#2a78bd", ego: "#1c2329" };
-const DARK = { ground: "#0c0f12", rings: "#232a30", points: "#6a747d", still: "#6c7681", truth: "#43d17f", objects: "#9fb0c3", tracks: "#ff9c56", trails: "#a3602f", velocities: "#ff9c56", ids: "#ffc298", flow: "#b3a6ff", miss: "#67a8e2", "false positive": "#ff7b66", switch: "#c99bf5", errors: "#67a8e2", ego: "#e6e9ec" };
+const LIGHT = { ground: "#f6f7f8", rings: "#dde2e6", points: "#7b858e", still: "#59626b", truth: "#17924c", unseen: "#17924c", objects: "#64748b", tracks: "#d1570b", trails: "#e9a06f", velocities: "#d1570b", ids: "#a03f05", flow: "#6a5acd", miss: "#2a78bd", "false positive": "#c8402c", switch: "#8f5bbd", errors: "#2a78bd", ego: "#1c2329" };
+const DARK = { ground: "#0c0f12", rings: "#232a30", points: "#6a747d", still: "#6c7681", truth: "#43d17f", unseen: "#43d17f", objects: "#9fb0c3", tracks: "#ff9c56", trails: "#a3602f", velocities: "#ff9c56", ids: "#ffc298", flow: "#b3a6ff", miss: "#67a8e2", "false positive": "#ff7b66", switch: "#c99bf5", errors: "#67a8e2", ego: "#e6e9ec" };
 const palette = () => (theme.dark ? DARK : LIGHT);
 const TRAIL_S = 3, STILL_MPS = 0.3, RING_M = 20, FIRST_REACH_M = 42;
 
@@ -42,7 +43,8 @@ class Picture {
 
   world(x, y) { return this.screen(...this.ego(x, y)); }
 
-  paint(layers, chosen) {
+  // `errors`: the kinds that are shown, and the one that is chosen.
+  paint(layers, errors) {
     this.draw.fillStyle = this.colours.ground;
     this.draw.fillRect(0, 0, this.width, this.height);
     this.rings();
@@ -50,12 +52,14 @@ class Picture {
     if (layers.flow) this.flow();
     this.vehicle();
     if (layers.trails) this.trails();
-    if (layers.truth) this.outlines("truth", 2.2);
+    const missed = new Set(layers.errors ? this.film.errors.filter(({ frame }) => frame === this.frame).map(({ truth }) => truth) : []);
+    if (layers.truth) this.outlines("truth", 2.2, [], (box) => !box.unseen || missed.has(box.id));
+    if (layers.unseen) this.outlines("truth", 1.6, [], (box) => box.unseen);
     if (layers.objects) this.outlines("objects", 1.1, [3, 3]);
     if (layers.tracks) this.outlines("tracks", 1.6);
     if (layers.velocities) this.velocities();
     if (layers.ids) this.identities();
-    if (layers.errors) this.errors(chosen);
+    if (layers.errors) this.errors(errors);
   }
 
   rings() {
@@ -118,10 +122,10 @@ class Picture {
     }
   }
 
-  outlines(name, width, dash = []) {
+  outlines(name, width, dash = [], wanted = () => true) {
     this.draw.strokeStyle = this.colours[name];
     this.draw.lineWidth = width;
-    for (const box of this.film.boxes(name, this.frame)) {
+    for (const box of this.film.boxes(name, this.frame).filter(wanted)) {
       const hull = name === "tracks" ? this.film.hull(box) : [];
       this.draw.setLineDash(box.coasting || box.unseen ? [4, 3] : dash);
       this.draw.globalAlpha = box.unseen ? 0.4 : 1;
@@ -173,10 +177,10 @@ class Picture {
     }
   }
 
-  errors(chosen) {
+  errors({ wanted, chosen }) {
     this.draw.lineWidth = 2;
     for (const error of this.film.errors) {
-      if (error.frame !== this.frame) continue;
+      if (error.frame !== this.frame || !wanted.has(error.kind)) continue;
       const [x, y] = this.world(error.x, error.y);
       this.draw.strokeStyle = this.colours[error.kind];
       ERROR_MARKS[error.kind](this.draw, x, y, Math.max(8, 1.6 * this.scale));
@@ -239,9 +243,9 @@ function corners({ x, y, length, width, yaw }) {
   return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [x + (a * length * c - b * width * s) / 2, y + (a * length * s + b * width * c) / 2]);
 }
 
-// Slow flow is pale on paper, hence hard to see: no paler than a quarter of the full colour.
+// Slow flow is hard to see: it gets no paler than that of 6 m/s.
 function vivid(vx, vy) {
-  const speed = Math.hypot(vx, vy), least = FULL_COLOUR_MPS / 4;
+  const speed = Math.hypot(vx, vy), least = 0.4 * FULL_COLOUR_MPS;
   const gain = speed < least ? least / speed : 1;
   return flowColour(gain * vx, gain * vy, theme.dark);
 }

@@ -6,8 +6,8 @@ const KINDS = [
 ];
 
 class ErrorPanel {
-  constructor(onChoose) {
-    this.onChoose = onChoose;
+  constructor({ onChoose, onFilter }) {
+    Object.assign(this, { onChoose, onFilter });
     this.chosen = null;
     this.wanted = new Set(KINDS.map(({ kind }) => kind));
     this.title = document.getElementById("errors-title");
@@ -17,7 +17,7 @@ class ErrorPanel {
       const box = html("input", { type: "checkbox", checked: true });
       box.addEventListener("change", () => {
         box.checked ? this.wanted.add(kind) : this.wanted.delete(kind);
-        this.show(this.film, this.frame, this.runTitle);
+        this.onFilter();
       });
       document.getElementById("error-kinds").append(html("label", {}, box, many));
     }

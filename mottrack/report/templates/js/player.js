@@ -11,7 +11,7 @@ class Player {
     this.frame = 0;
     this.timer = null;
     this.layers = Object.fromEntries(LAYERS.map(({ key, on }) => [key, on]));
-    this.errors = new ErrorPanel((error) => this.visit(error));
+    this.errors = new ErrorPanel({ onChoose: (error) => this.visit(error), onFilter: () => this.show(this.frame) });
     this.by.scene.append(...films.map(({ name }, k) => new Option(name, k)));
     this.fillLayers();
     this.fillRuns();
@@ -40,6 +40,7 @@ class Player {
     const options = () => runs.map(({ index, title }) => new Option(title, index));
     this.by["run-0"].replaceChildren(...options());
     this.by["run-1"].replaceChildren(new Option("nothing", NONE), ...options());
+    this.by["run-0"].value = (runs.find(({ flows }) => flows) ?? runs[0]).index;
     this.by["run-1"].value = NONE;
     before.forEach((value, k) => {
       const select = this.by[`run-${k}`];
@@ -87,7 +88,7 @@ class Player {
     this.panes.forEach((film, k) => {
       if (!film) return;
       const frame = Math.min(this.frame, film.frames - 1);
-      new Picture(this.canvases[k], film, frame, this.view).paint(this.layers, k ? null : this.errors.chosen);
+      new Picture(this.canvases[k], film, frame, this.view).paint(this.layers, this.errors);
     });
   }
 
@@ -212,7 +213,7 @@ class Player {
       this.layers.truth && words("truth", near("truth")),
       this.layers.objects && words("detection", near("objects")),
     ];
-    picture.paint(this.layers, k ? null : this.errors.chosen);
+    picture.paint(this.layers, this.errors);
     document.getElementById(`facts-${k}`).textContent = lines.filter(Boolean).join("\n");
   }
 }

@@ -27,16 +27,8 @@ class Plots {
 
   classes(part) {
     const names = new Set(this.runs.flatMap((run) => Object.keys(run[part])));
-    return [...names].sort((a, b) => this.size(part, b) - this.size(part, a));
-  }
-
-  // The class with most to tell comes first.
-  size(part, name) {
-    return Math.max(...this.runs.map((run) => {
-      const found = run[part][name];
-      if (!found) return 0;
-      return part === "curves" ? found.asked.length : Object.values(found).reduce((a, b) => a + b, 0);
-    }));
+    const boxes = (name) => Math.max(...this.runs.map((run) => run.truth[name] ?? 0));
+    return [...names].sort((a, b) => boxes(b) - boxes(a)); // the one with most truth comes first
   }
 
   fillSwitches(holder) {

@@ -1,0 +1,124 @@
+"""The page in a real browser: what a reader does with it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mottrack.pipeline.comparison import Comparison
+from mottrack.report.page import write_report
+
+from .browser import Page, browser, find_browser
+from .conftest import MARKUP
+
+LAPTOP, PHONE = (1440, 900), (390, 844)
+BINARY = find_browser()
+pytestmark = pytest.mark.skipif(BINARY is None, reason="no Chromium is installed")
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(str(BINARY), tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+@pytest.fixture
+def page(tab: Page, comparison: Comparison, tmp_path: Path) -> Page:
+    """The report, freshly opened in the light on a laptop."""
+    path = tmp_path / "report.html"
+    write_report(comparison, path)
+    tab.errors.clear()
+    tab.requests.clear()
+    tab.resize(*LAPTOP)
+    tab.open(path)
+    tab.wait_for("document.getElementById('frame-label').textContent !== ''")
+    return tab
+
+
+def label(page: Page) -> str:
+    return str(page.run("document.getElementById('frame-label').textContent"))
+
+
+def pixels(page: Page) -> bytes:
+    url = str(page.run("document.getElementById('view-0').toDataURL()"))
+    return base64.b64decode(url.split(",")[1])
+
+
+def choose(page: Page, identity: str, value: str) -> None:
+    page.run(f"""(() => {{ const e = document.getElementById('{identity}');
+        e.value = '{value}'; e.dispatchEvent(new Event('change')); }})()""")
+
+
+def test_it_opens_without_an_error_and_asks_the_network_for_nothing(page: Page) -> None:
+    assert page.errors == []
+    assert [r for r in page.requests if not r.startswith(("file:", "data:"))] == []
+    assert page.run("document.querySelectorAll('#curves svg').length") == 4
+    assert page.run("document.querySelectorAll('#distributions svg').length") >= 2
+
+
+def test_the_slider_and_the_keys_move_through_the_frames(page: Page) -> None:
+    first, before = label(page), pixels(page)
+    assert first == "frame 1 / 8 · 0.0 s"
+    page.run("document.getElementById('slider').focus()")
+    page.key("ArrowRight", 39)
+    assert label(page) == "frame 2 / 8 · 0.1 s"
+    after = pixels(page)
+    assert after != before
+    page.run("document.getElementById('view-0').focus()")
+    page.key("End", 35)
+    assert label(page).startswith("frame 8 / 8")
+    page.key(" ", 32, " ")  # plays from the start again
+    page.wait_for("document.getElementById('frame-label').textContent.startsWith('frame 3 /')")
+    page.key(" ", 32, " ")
+    assert page.run("document.getElementById('play').ariaLabel") == "Play"
+    assert page.errors == []
+
+
+def test_scenes_and_runs_are_chosen_and_layers_switched(page: Page) -> None:
+    names = page.run("[...document.getElementById('scene').options].map((o) => o.text)")
+    assert names == [MARKUP, "b"]  # a name that is markup is shown, not obeyed
+    choose(page, "scene", "1")
+    choose(page, "run-1", "0")
+    page.wait_for("document.getElementById('name-1').textContent === 'zero'")
+    assert not page.run("document.getElementById('pane-1').hidden")
+    before = pixels(page)
+    page.run("document.querySelector('#layers input').click()")
+    assert pixels(page) != before
+    assert page.errors == []
+
+
+def test_the_next_error_is_found(page: Page) -> None:
+    """The toy tracker says back what it is told, so only what is out of reach is an error."""
+    page.run("document.getElementById('error-next').click()")
+    counted = page.run("document.getElementById('errors-count').textContent")
+    assert counted.startswith("0 in this frame, 0 in the scene")
+    assert page.run("document.getElementById('error-list').textContent") == "none in this frame"
+
+
+def test_it_follows_the_system_into_the_dark_and_the_button_out_of_it(page: Page) -> None:
+    background = "getComputedStyle(document.body).backgroundColor"
+    light, drawn = page.run(background), pixels(page)
+    page.resize(*LAPTOP, dark=True)
+    page.wait_for("document.documentElement.dataset.theme === 'dark'")
+    assert page.run(background) != light
+    assert pixels(page) != drawn
+    page.run("document.getElementById('theme').click()")
+    assert page.run(background) == light
+    page.run("localStorage.clear()")
+
+
+def test_nothing_is_wider_than_a_phone(page: Page) -> None:
+    page.resize(*PHONE)
+    page.run("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    assert page.run("document.documentElement.scrollWidth") <= PHONE[0]
+    assert page.run("document.getElementById('view-0').clientWidth") > 0.8 * PHONE[0]
+
+
+def test_every_control_has_a_name_and_is_reached_by_the_keyboard(page: Page) -> None:
+    nameless = page.run("""[...document.querySelectorAll('button, select, input')].filter((e) =>
+        !(e.ariaLabel || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)""")
+    assert nameless == []
+    assert page.run("[...document.querySelectorAll('[tabindex]')].every((e) => e.tabIndex === 0)")
