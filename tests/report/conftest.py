@@ -25,10 +25,11 @@ def comparison(tmp_path_factory: pytest.TempPathFactory) -> Comparison:
         "name": TITLE,
         "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": [MARKUP, "b", "poison"]},
         "flow": [{"kind": "zero"}, {"kind": "toy_plugins:ConstantFlow"}],
-        "tracker": {"kind": "toy_plugins:EchoTracker"},
+        "tracker": {"kind": "lossy_plugins:LossyTracker"},
     }
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(TOYS))
+        patch.syspath_prepend(str(Path(__file__).parent))
         experiments = compose(tree, [], Path("toy.yaml"))
         out = tmp_path_factory.mktemp("report") / "run"
         return run_comparison(experiments, out, workers=2, progress=SilentProgress())

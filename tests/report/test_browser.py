@@ -90,12 +90,18 @@ def test_scenes_and_runs_are_chosen_and_layers_switched(page: Page) -> None:
     assert page.errors == []
 
 
-def test_the_next_error_is_found(page: Page) -> None:
-    """The toy tracker says back what it is told, so only what is out of reach is an error."""
-    page.run("document.getElementById('error-next').click()")
-    counted = page.run("document.getElementById('errors-count').textContent")
-    assert counted.startswith("0 in this frame, 0 in the scene")
+def test_errors_are_listed_and_one_leads_to_the_next(page: Page) -> None:
+    assert page.run("document.getElementById('errors-count').textContent") == (
+        "0 in this frame, 2 in the scene"
+    )
+    for frame in (4, 5, 4):  # after the last error comes the first
+        page.run("document.getElementById('error-next').click()")
+        assert label(page).startswith(f"frame {frame} / 8")
+        assert page.run("document.querySelector('#error-list small').textContent").startswith("gap")
+    before = pixels(page)
+    page.run("document.querySelector('#error-kinds input').click()")  # misses are not wanted
     assert page.run("document.getElementById('error-list').textContent") == "none in this frame"
+    assert pixels(page) != before
 
 
 def test_it_follows_the_system_into_the_dark_and_the_button_out_of_it(page: Page) -> None:
