@@ -51,7 +51,8 @@ def model_of(place: str) -> type[BaseModel]:
 
 def _table(model: type[BaseModel], prefix: str) -> str:
     cells = [
-        (code(r.key), f"{r.type}, {r.range}".strip(", "), code(r.default), r.description) for r in rows(model, prefix)
+        (code(r.key), f"{r.type}, {r.range}".strip(", "), code(r.default), r.description)
+        for r in rows(model, prefix)
     ]
     return table(HEAD, cells) if cells else "It has no settings.\n"
 
