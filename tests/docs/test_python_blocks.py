@@ -69,3 +69,20 @@ def test_the_files_that_texts_include_are_there() -> None:
     included = [name for file in TEXTS for name in INCLUDED.findall(file.read_text("utf-8"))]
     assert "examples/own_flow.py" in included
     assert all(Path(REPOSITORY / name).is_file() for name in included)
+
+
+def test_the_reader_of_your_own_is_one() -> None:
+    from mottrack import Pipeline
+    from mottrack.core import Dataset, Scene
+
+    namespace: dict[str, Any] = {}
+    (code,) = blocks(REPOSITORY / "docs" / "own_logs.md", "python")
+    exec(code, namespace)  # noqa: S102
+    dataset = namespace["MyDataset"]()
+    scene = dataset.scene(dataset.scene_names[0])
+    assert isinstance(dataset, Dataset)
+    assert isinstance(scene, Scene)
+    pipeline = Pipeline.from_config("demo", "flow=zero")
+    for index in range(3):
+        step = pipeline.step(scene.frame(index), scene.sweep(index))
+    assert step.field is not None
