@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.viz.colour_wheel import flow_to_rgb
+from mottrack.viz.colour_wheel import bold_flow_to_rgb
 
 FULL_COLOUR_MPS = 15.0
-MOST_POINTS = 40_000
+MOST_POINTS, FEW_POINTS = 40_000, 10_000
 TRUTH_COLOUR, TRACK_COLOUR, POINT_COLOUR = "#2e9e5b", "#c2410c", "#9ca3af"
+
+NUMBER: dict[str, Any] = {
+    "fontsize": 7,
+    "color": TRACK_COLOUR,
+    "clip_on": True,
+    "zorder": 6,
+    "xytext": (3, 3),
+    "textcoords": "offset points",
+    "path_effects": [withStroke(linewidth=2, foreground="white")],
+}
 
 
 def draw_bev(axes: Axes, result: SceneResult, snapshot: Snapshot, *, reach_m: float) -> None:
@@ -34,8 +46,11 @@ def draw_bev(axes: Axes, result: SceneResult, snapshot: Snapshot, *, reach_m: fl
     draw_flow(axes, snapshot)
     truth = result.truth.select(result.truth.frame == snapshot.frame)
     draw_boxes(axes, truth, ego_T_world, TRUTH_COLOUR, linewidth=1.6)
-    tracks = result.tracks.select(result.tracks.frame == snapshot.frame)
-    draw_boxes(axes, tracks, ego_T_world, TRACK_COLOUR, linewidth=0.8)
+    rows = np.flatnonzero(result.tracks.frame == snapshot.frame)
+    tracks = result.tracks.select(rows)
+    boxes = tracks.select(tracks.hull_corners == 0)
+    draw_boxes(axes, boxes, ego_T_world, TRACK_COLOUR, linewidth=0.8)
+    draw_hulls(axes, hulls_of(result, rows), ego_T_world)
     draw_velocities(axes, tracks, ego_T_world)
     frame_axes(axes, reach_m)
 
@@ -54,7 +69,8 @@ def draw_points(axes: Axes, xyz_m: NDArray[np.float32]) -> None:
     """The sweep in grey, thinned to what a picture can show."""
     step = max(len(xyz_m) // MOST_POINTS, 1)
     x, y = xyz_m[::step, 0], xyz_m[::step, 1]
-    axes.plot(x, y, ",", color=POINT_COLOUR, alpha=0.35, rasterized=True, zorder=1)
+    size = 1.6 if len(x) < FEW_POINTS else 0.7
+    axes.plot(x, y, ".", markersize=size, color=POINT_COLOUR, alpha=0.7, mew=0, zorder=1)
 
 
 def draw_flow(axes: Axes, snapshot: Snapshot) -> None:
@@ -62,7 +78,7 @@ def draw_flow(axes: Axes, snapshot: Snapshot) -> None:
     half = snapshot.grid.cell_m / 2
     corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
     cells = snapshot.xy_m[:, None, :] + corners
-    colours = flow_to_rgb(snapshot.velocity_mps, FULL_COLOUR_MPS)
+    colours = bold_flow_to_rgb(snapshot.velocity_mps, FULL_COLOUR_MPS)
     moving = snapshot.valid & (np.hypot(*snapshot.velocity_mps.T) > 0.3)
     still = PolyCollection(list(cells[~moving]), facecolors="#4b5563", linewidths=0, zorder=2)
     axes.add_collection(still)
@@ -96,6 +112,20 @@ def box_outlines(boxes: TruthTable | TrackTable, ego_T_world: Pose) -> list[NDAr
     ]
 
 
+def hulls_of(result: SceneResult, rows: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+    """The hulls (K, 2) in the world frame of those track rows that have one."""
+    ends = np.cumsum(result.tracks.hull_corners)
+    starts = ends - result.tracks.hull_corners
+    return [result.hull_xy_m[starts[row] : ends[row]] for row in rows if ends[row] > starts[row]]
+
+
+def draw_hulls(axes: Axes, hulls: Sequence[NDArray[np.float64]], ego_T_world: Pose) -> None:
+    """Outlines of tracks that are polygons instead of boxes."""
+    outlines = [ego_T_world.apply(np.pad(hull, ((0, 0), (0, 1))))[:, :2] for hull in hulls]
+    closed = [np.concatenate([outline, outline[:1]]) for outline in outlines]
+    axes.add_collection(LineCollection(closed, colors=TRACK_COLOUR, linewidths=0.8, zorder=4))
+
+
 def draw_velocities(axes: Axes, tracks: TrackTable, ego_T_world: Pose) -> None:
     """An arrow as long as the way of one second, and the identity beside it."""
     centres = ego_T_world.apply(tracks.centre_m)[:, :2]
@@ -104,7 +134,7 @@ def draw_velocities(axes: Axes, tracks: TrackTable, ego_T_world: Pose) -> None:
         arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.003}
         axes.quiver(*centres.T, *velocity.T, color=TRACK_COLOUR, zorder=5, **arrows)
     for centre, identity in zip(centres, tracks.id, strict=True):
-        axes.annotate(str(identity), centre, fontsize=6, color=TRACK_COLOUR, clip_on=True, zorder=6)
+        axes.annotate(str(identity), centre, **NUMBER)
 
 
 def _ego_marker() -> Any:

@@ -57,3 +57,25 @@ def flow_to_rgb(
     r = np.minimum(radius, 1.0)[..., None]
     pale = r * hue if dark else 1 - r * (1 - hue)
     return np.where(inside, pale, 0.75 * hue)
+
+
+def bold_flow_to_rgb(
+    velocity_mps: NDArray[np.floating[Any]], max_mps: float, least: float = 0.45
+) -> NDArray[np.float64]:
+    """The same, but slow velocities get at least the share `least` of the full colour.
+
+    For what is known to move and is drawn on white, where pale colours cannot be seen.
+    """
+    speed = np.hypot(velocity_mps[..., 0], velocity_mps[..., 1])
+    shown = np.clip(speed, least * max_mps, max_mps)
+    stretch = shown / np.maximum(speed, 1e-6)
+    return flow_to_rgb(velocity_mps * stretch[..., None], max_mps)
+
+
+def wheel_picture(pixels: int) -> NDArray[np.uint8]:
+    """(pixels, pixels, 4) key to the colours, RGBA with y up; transparent outside of the circle."""
+    ticks = np.linspace(-1, 1, pixels)
+    x, y = np.meshgrid(ticks, ticks[::-1])
+    rgb = np.round(255 * flow_to_rgb(np.stack([x, y], axis=-1), 1.0)).astype(np.uint8)
+    alpha = np.where(np.hypot(x, y) <= 1, 255, 0).astype(np.uint8)
+    return np.dstack([rgb, alpha])

@@ -1,24 +1,30 @@
-"""The dynamic occupancy grid map in colour: free, occupied and moving cells, still or as a GIF."""
+"""The dynamic occupancy grid map in colour, as the literature draws it.
+
+White is free, grey unknown, black occupied; occupied cells that move have the hue of their
+direction. The vehicle is outlined in orange, the wheel of directions and a scale stand in corners.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw
 
 from mottrack.core.checks import as_array
 from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
-from mottrack.viz.colour_wheel import flow_to_rgb
+from mottrack.viz.colour_wheel import bold_flow_to_rgb, wheel_picture
 
-FULL_COLOUR_MPS = 15.0
+FULL_COLOUR_MPS = 8.0
 FREE, UNKNOWN, OCCUPIED = 255.0, 160.0, 0.0
-"""Grey levels: what is free is white, what is unknown grey, what is occupied black."""
+"""Grey levels."""
+EGO_COLOUR, INK = (234, 88, 12), (30, 30, 30)
+EGO_OUTLINE_M = np.array([[3.8, 0.0], [2.6, 0.95], [-1.0, 0.95], [-1.0, -0.95], [2.6, -0.95]])
+SCALE_M = 10.0
+MARGIN = 14
+"""Pixels between a corner and what stands in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,8 @@ class MapPicture:
     cell_m: float
     world_T_ego: Pose | None = None
     """Where the vehicle stands; None: not drawn."""
+    title: str = ""
+    """Stands in the upper left corner."""
 
     def __post_init__(self) -> None:
         shape = np.shape(self.occupied)
@@ -56,44 +64,39 @@ def map_to_rgb(picture: MapPicture) -> NDArray[np.uint8]:
     """(rows, cols, 3) colours; row 0 is the lowest y.
 
     The grey level goes from unknown towards white by the free mass and towards black by the
-    occupied mass; a moving cell has the hue of its direction and the strength of its speed.
+    occupied mass; a moving cell has the hue of its direction, never paler than can be seen.
     """
     grey = UNKNOWN + picture.free * (FREE - UNKNOWN) + picture.occupied * (OCCUPIED - UNKNOWN)
     rgb = np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, axis=-1)
-    colours = flow_to_rgb(picture.velocity_mps[picture.moving], FULL_COLOUR_MPS)
+    colours = bold_flow_to_rgb(picture.velocity_mps[picture.moving], FULL_COLOUR_MPS)
     rgb[picture.moving] = np.round(255 * colours).astype(np.uint8)
     return rgb
 
 
-def draw_map(axes: Axes, picture: MapPicture, arrows_every: int = 6) -> None:
-    """Draws the map in world axes, an arrow of one second at some of the moving cells."""
-    rows, cols = picture.occupied.shape
-    x_m, y_m = picture.corner_m
-    extent = (x_m, x_m + cols * picture.cell_m, y_m, y_m + rows * picture.cell_m)
-    axes.imshow(map_to_rgb(picture), origin="lower", extent=extent, interpolation="nearest")
-    row, col = (index[::arrows_every] for index in np.nonzero(picture.moving))
-    vx, vy = picture.velocity_mps[row, col].T
-    place_x, place_y = x_m + (col + 0.5) * picture.cell_m, y_m + (row + 0.5) * picture.cell_m
-    axes.quiver(place_x, place_y, vx, vy, angles="xy", scale_units="xy", scale=1, width=0.002)
-    if picture.world_T_ego is not None:
-        here_m = picture.world_T_ego.apply(np.array([[0.0, 0.0, 0.0], [2.5, 0.0, 0.0]]))
-        axes.plot(*here_m[:, :2].T, color="#c2410c", linewidth=3, solid_capstyle="round")
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
+def draw_map(picture: MapPicture, scale: int = 2) -> NDArray[np.uint8]:
+    """(rows * scale, cols * scale, 3) picture with north up, the vehicle, a wheel and a scale."""
+    rgb = map_to_rgb(picture)[::-1].repeat(scale, axis=0).repeat(scale, axis=1)
+    image = Image.fromarray(rgb)
+    pen = ImageDraw.Draw(image)
+    _draw_vehicle(pen, picture, scale)
+    _draw_scale(pen, image.size, SCALE_M / picture.cell_m * scale)
+    pen.text((MARGIN, MARGIN), picture.title, fill=INK, font_size=16)
+    wheel = Image.fromarray(wheel_picture(max(min(image.size) // 7, 16)))
+    image.paste(wheel, (image.width - wheel.width - MARGIN, MARGIN), wheel)
+    return np.asarray(image)
 
 
-def save_gif(pictures: Sequence[MapPicture], path: Path, period_s: float = 0.1) -> None:
-    """Writes the maps of a scene as an animation, north up, two pixels a cell.
+def _draw_vehicle(pen: ImageDraw.ImageDraw, picture: MapPicture, scale: int) -> None:
+    if picture.world_T_ego is None:
+        return
+    outline = np.pad(EGO_OUTLINE_M, ((0, 0), (0, 1)))
+    cells = (picture.world_T_ego.apply(outline)[:, :2] - picture.corner_m) / picture.cell_m
+    rows = picture.occupied.shape[0]
+    corners = [(x * scale, (rows - y) * scale) for x, y in cells.tolist()]
+    pen.polygon(corners, outline=EGO_COLOUR, width=max(scale, 2))
 
-    Raises:
-        InputError: there is no picture, or their sizes differ.
-    """
-    shapes = {picture.occupied.shape for picture in pictures}
-    if len(shapes) != 1:
-        raise InputError("sizes of pictures", sorted(shapes), "one size, of at least one picture")
-    frames = [Image.fromarray(map_to_rgb(picture)[::-1]).quantize(128) for picture in pictures]
-    frames = [frame.resize((2 * frame.width, 2 * frame.height)) for frame in frames]
-    duration_ms = round(1000 * period_s)
-    frames[0].save(
-        path, save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False
-    )
+
+def _draw_scale(pen: ImageDraw.ImageDraw, size: tuple[int, int], length: float) -> None:
+    x, y = MARGIN, size[1] - MARGIN
+    pen.line([(x, y), (x + length, y)], fill=INK, width=3)
+    pen.text((x, y - 22), f"{SCALE_M:.0f} m", fill=INK, font_size=16)

@@ -73,7 +73,7 @@ def test_a_driving_box_for_every_kind_of_sensor(rings, sector_deg):
     assert (field.valid <= field.occupied).all()
     assert field.weight[cells].min() >= 0.6
     assert np.linalg.eigvalsh(field.covariance_m2ps2[cells].astype(float)).min() > 0
-    assert source.moving().sum() > 0
+    assert source.current_map()[1].sum() > 0
     if sector_deg < 360:
         behind = source.grid_map.masses.free[:, : source.grid_map.window.cols // 2 - 8]
         assert behind.max() == 0
@@ -97,7 +97,8 @@ def test_reset_begins_anew_and_pairs_may_skip_sweeps():
     first = drive(source, 4)
     source.reset()
     assert source.grid_map is None
-    assert source.moving() is None
+    with pytest.raises(InputError, match="sweeps since reset"):
+        source.current_map()
     again = drive(source, 4)
     np.testing.assert_array_equal(first.velocity_mps, again.velocity_mps)
     skipping = DogmaFlow(config(), grid=GRID)

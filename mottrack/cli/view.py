@@ -1,0 +1,102 @@
+"""``mottrack view``, ``animate`` and ``animate-map``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+Run = Annotated[Path, typer.Argument(help="folder of a finished run")]
+Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
+Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
+SceneName = Annotated[str | None, typer.Option("--scene", help="by default the first one")]
+Out = Annotated[Path, typer.Option("--out", help="the animation, .gif or .mp4")]
+Speed = Annotated[float, typer.Option("--speed", min=0.05, max=20.0, help="1 is as it happened")]
+
+
+def register(app: typer.Typer) -> None:
+    """Adds the commands of this module."""
+    app.command("view")(view)
+    app.command("animate")(animate)
+    app.command("animate-map")(animate_map)
+
+
+def view(
+    run: Run,
+    *,
+    scene: Annotated[str | None, typer.Option("--scene", help="by default all scenes")] = None,
+    save: Annotated[
+        Path | None, typer.Option("--save", help="write a .rrd file instead of opening a window")
+    ] = None,
+) -> None:
+    """Look at the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
+    from mottrack.pipeline.stored_scene import StoredScene, pick_scene, stored_scenes
+    from mottrack.viz.recording import Recording
+
+    for name in stored_scenes(run) if scene is None else [pick_scene(run, scene)]:
+        stored = StoredScene.load(run, name)
+        recording = Recording.of(name)
+        if save is None:
+            recording.show()
+        else:
+            several = scene is None and len(stored_scenes(run)) > 1
+            file = save.with_stem(f"{save.stem}-{name}") if several else save
+            recording.write_to(file)
+            typer.echo(str(file))
+        recording.log(stored.result, stored.snapshots)
+
+
+def animate(
+    run: Run,
+    *,
+    out: Out,
+    scene: SceneName = None,
+    reach_m: Annotated[
+        float, typer.Option("--reach", min=5.0, max=200.0, help="half the width shown, m")
+    ] = 40.0,
+    speed: Speed = 1.0,
+) -> None:
+    """Write a scene of a run as an animation seen from above."""
+    from mottrack.pipeline.stored_scene import StoredScene, pick_scene
+    from mottrack.viz.film import film, period_s
+
+    stored = StoredScene.load(run, pick_scene(run, scene))
+    pictures = film(stored.result, stored.snapshots, reach_m=reach_m)
+    _write(out, pictures, period_s(stored.result) / speed)
+
+
+def animate_map(
+    config: Config,
+    overrides: Overrides = None,
+    *,
+    out: Out,
+    scene: SceneName = None,
+    speed: Speed = 1.0,
+) -> None:
+    """Run DOGMa over a scene and write its map as an animation: free, occupied, moving cells."""
+    from mottrack.core.errors import ConfigError
+    from mottrack.pipeline.experiment import load_experiments
+    from mottrack.pipeline.map_film import map_pictures, sweep_period_s
+    from mottrack.pipeline.runner import scene_names
+    from mottrack.viz.dogma import draw_map
+
+    experiments = load_experiments(config, ["flow=dogma", *(overrides or [])])
+    if len(experiments) > 1:
+        raise ConfigError(f"{len(experiments)} experiments, expected one: a map is of one filter")
+    name = scene or scene_names(experiments[0])[0]
+    opened = experiments[0].dataset.make().scene(name)
+    pictures = (draw_map(picture) for picture in map_pictures(experiments[0], opened))
+    _write(out, pictures, sweep_period_s(opened) / speed)
+
+
+def _write(out: Path, pictures: Iterable[NDArray[np.uint8]], period_s: float) -> None:
+    from mottrack.viz.animation import write_animation
+
+    count = write_animation(out, pictures, period_s)
+    typer.echo(f"{out}: {count} pictures")
