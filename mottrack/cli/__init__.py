@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from mottrack.cli import data, eval, noise, report, run, train
+from mottrack.cli import data, eval, noise, paper, report, run, train, view
 
 app = typer.Typer(
     name="mottrack",
@@ -16,7 +16,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help comes up in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (run, report, eval, data, train, noise):
+for group in (run, report, paper, view, eval, data, train, noise):
     group.register(app)
 
 EXIT_USER_ERROR = 2

@@ -44,7 +44,9 @@ def run_experiment(
     return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
 
 
-def run_jobs(jobs: Sequence[Job], *, workers: int, progress: Progress) -> list[RunReport]:
+def run_jobs(
+    jobs: Sequence[Job], *, workers: int, progress: Progress, title: str = ""
+) -> list[RunReport]:
     """The same for several experiments in one pool: none waits for another's last scene.
 
     Raises:
@@ -60,7 +62,7 @@ def run_jobs(jobs: Sequence[Job], *, workers: int, progress: Progress) -> list[R
         for scene in names
         if not job.folder.finished(scene)
     ]
-    progress.begin(_title(jobs), sum(map(len, scenes)), len(tasks))
+    progress.begin(title or _title(jobs), sum(map(len, scenes)), len(tasks))
     outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
     wall_s = time.perf_counter() - start
     return [

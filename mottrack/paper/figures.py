@@ -1,0 +1,182 @@
+"""The paper's figures from what ran: stored snapshots and results, never a second run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mottrack.core.motion import FlowField
+from mottrack.core.objects import Tracks
+from mottrack.core.pose import Pose
+from mottrack.core.result import SceneResult
+from mottrack.core.snapshot import Snapshot, load_snapshots
+from mottrack.core.sweep import Sweep
+from mottrack.paper.ball_figure import draw_ball
+from mottrack.paper.plan import WORLD
+from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
+from mottrack.paper.results import Results, StudyResult
+from mottrack.viz.flow_comparison import flow_comparison
+from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
+
+TRUTH = "ground_truth"
+SCENES_SHOWN = 2
+DPI = 130
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that was drawn."""
+
+    file: Path
+    caption: str
+
+
+def draw_figures(results: Results, out: Path) -> list[Picture]:
+    """Draws every figure whose runs are there, as PNG files in ``out``."""
+    out.mkdir(parents=True, exist_ok=True)
+    pictures = []
+    for name, (study, draw) in FIGURES.items():
+        found = results.find(WORLD, study)
+        drawn = None if found is None else draw(found)
+        if drawn is not None:
+            figure, caption = drawn
+            figure.savefig(out / f"{name}.png", dpi=DPI, metadata={"Software": None})
+            pictures.append(Picture(out / f"{name}.png", caption))
+    return pictures
+
+
+Drawn = tuple[Figure, str] | None
+
+
+def _flow_example(study: StudyResult) -> Drawn:
+    scenes = _busy_scenes(study, PILLARFLOW, 1)
+    if not scenes:
+        return None
+    shot = _last_snapshot(study, PILLARFLOW, scenes[0])
+    figure = flow_comparison([[(LABELS[PILLARFLOW], shot)]])
+    caption = (
+        "Figure 1, flow example. PillarFlow between two sweeps of the embedded world from above, "
+        f"scene {scenes[0]}, the one with most moving cells; the colour is the direction, no "
+        "detection is used."
+    )
+    return figure, caption
+
+
+def _qualitative(study: StudyResult) -> Drawn:
+    variants = [v for v in (TRUTH, ICP, OGM, PILLARFLOW) if v in study.folders]
+    scenes = _busy_scenes(study, TRUTH, SCENES_SHOWN)
+    if not scenes:
+        return None
+    lines = [[(LABELS[v], _last_snapshot(study, v, scene)) for v in variants] for scene in scenes]
+    caption = (
+        "Figure 3, qualitative results. From left to right: true flow, ICP + Det., Binary OGM, "
+        f"PillarFlow; scenes {' and '.join(scenes)}, those with most moving cells."
+    )
+    return flow_comparison(lines), caption
+
+
+def _integration(study: StudyResult) -> Drawn:
+    scenes = _scenes(study, PILLARFLOW)
+    if not scenes:
+        return None
+    panels = []
+    for variant in (NONE, PILLARFLOW):
+        result = study.folders[variant].load(scenes[0])
+        shots = load_snapshots(study.folders[variant].snapshots_file(scenes[0]))
+        panels.append(_panel(LABELS[variant], result, shots[-1]))
+    caption = (
+        "Figure 4, tracker integration. Clusters and the fixed-lag smoother without velocities "
+        f"and with PillarFlow's, scene {scenes[0]}, last frame: green lines are the flow of cells, "
+        "red ones the velocities of tracks. What stands still should have no red line."
+    )
+    return draw_integration(panels), caption
+
+
+def _ball(study: StudyResult) -> Drawn:
+    scenes = _scenes(study, PILLARFLOW)
+    if not scenes:
+        return None
+    results = {
+        LABELS[v]: folder.load(scenes[0])
+        for v, folder in study.folders.items()
+        if folder.scene_file(scenes[0]).exists()
+    }
+    figure = draw_ball(results)
+    caption = (
+        "Figure 5, out-of-ontology object. A thrown ball of about 0.3 m, of which neither detector "
+        "nor training labels know, as the tracker sees it without and with measured velocities."
+    )
+    return None if figure is None else (figure, caption)
+
+
+FIGURES: dict[str, tuple[str, Callable[[StudyResult], Drawn]]] = {
+    "figure_1_flow_example": ("flow", _flow_example),
+    "figure_3_qualitative": ("flow", _qualitative),
+    "figure_4_tracker_integration": ("velocity", _integration),
+    "figure_5_ball": ("ball", _ball),
+}
+
+
+def _scenes(study: StudyResult, variant: str) -> list[str]:
+    """Scenes of which every run has kept snapshots, in order."""
+    folder = study.folders.get(variant)
+    if folder is None:
+        return []
+    names = [f.name.removesuffix(".npz") for f in sorted(folder.path.glob("scenes/*.npz"))]
+    names = [name for name in names if not name.endswith(".snapshots")]
+    folders = study.folders.values()
+    return [n for n in names if all(f.snapshots_file(n).exists() for f in folders)]
+
+
+def _busy_scenes(study: StudyResult, variant: str, count: int) -> list[str]:
+    shots = {scene: _last_snapshot(study, variant, scene) for scene in _scenes(study, variant)}
+    moving = {s: np.sum(np.hypot(*shot.velocity_mps.T) > 1.0) for s, shot in shots.items()}
+    return sorted(moving, key=lambda scene: (-moving[scene], scene))[:count]
+
+
+def _last_snapshot(study: StudyResult, variant: str, scene: str) -> Snapshot:
+    return load_snapshots(study.folders[variant].snapshots_file(scene))[-1]
+
+
+def _panel(title: str, result: SceneResult, shot: Snapshot) -> IntegrationPanel:
+    pose = Pose.from_matrix(result.frames.world_T_ego[shot.frame])
+    stamp_ns = int(result.frames.stamp_ns[shot.frame])
+    sweep = Sweep(shot.xyz_m, np.zeros(len(shot.xyz_m), np.float32), stamp_ns, pose)
+    field = _field(shot, stamp_ns) if shot.valid.any() else None
+    return IntegrationPanel(title, sweep, _tracks(result, shot.frame, stamp_ns), field)
+
+
+def _field(shot: Snapshot, stamp_ns: int) -> FlowField:
+    occupied = np.zeros(shot.grid.shape, np.bool_)
+    valid, velocity = occupied.copy(), np.zeros((*shot.grid.shape, 2), np.float32)
+    rows, columns = shot.cells.T
+    occupied[rows, columns], valid[rows, columns] = True, shot.valid
+    velocity[rows, columns] = shot.velocity_mps
+    covariance = np.zeros((*shot.grid.shape, 2, 2), np.float32)
+    weight = occupied.astype(np.float32)
+    return FlowField(shot.grid, velocity, covariance, occupied, valid, weight, stamp_ns)
+
+
+def _tracks(result: SceneResult, frame: int, stamp_ns: int) -> Tracks:
+    rows = np.flatnonzero(result.tracks.frame == frame)
+    table = result.tracks.select(rows)
+    hulls = result.hulls
+    return Tracks(
+        stamp_ns=stamp_ns,
+        centre_m=table.centre_m,
+        size_m=table.size_m,
+        yaw_rad=table.yaw_rad,
+        label=table.label,
+        id=table.id,
+        score=table.score,
+        velocity_mps=table.velocity_mps,
+        velocity_covariance_m2ps2=table.velocity_covariance_m2ps2,
+        state=np.zeros((len(table), 1)),
+        covariance=np.ones((len(table), 1, 1)),
+        observed=table.observed,
+        hull=tuple(hulls[row] for row in rows),
+    )

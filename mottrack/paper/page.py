@@ -1,0 +1,175 @@
+"""Writes everything: the page, its Markdown, the tables as CSV and LaTeX, claims.json, pictures."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import platform
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+import mottrack
+from mottrack.core.storage import write_text
+from mottrack.formats.text_table import TextTable, to_csv, to_latex, to_markdown
+from mottrack.paper.claims import MEANING, VERDICTS, Finding
+from mottrack.paper.figures import Picture, draw_figures
+from mottrack.paper.plan import ABLATIONS, Request, ablation_weights
+from mottrack.paper.published import TABLES
+from mottrack.paper.results import Results
+from mottrack.paper.tables import beyond_table, claim_table, number_table, paper_table
+from mottrack.pipeline.comparison_tables import METHOD
+
+STYLES = ("base.css", "parts.css")
+SOURCE = "PillarFlow: End-to-end Birds-eye-view Flow Estimation for Autonomous Driving, IROS 2020"
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """What is to say about one data set."""
+
+    dataset: str
+    title: str
+    tables: list[TextTable]
+    numbers: list[TextTable]
+    """The same with one line a cell."""
+    findings: list[Finding]
+    beyond: TextTable
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Verdict to how many claims have it."""
+        found = Counter(finding.verdict for finding in self.findings)
+        return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+
+    @property
+    def summary(self) -> str:
+        """The counts in a line."""
+        parts = [f"{count} {verdict}" for verdict, count in self.counts.items()]
+        return f"{len(self.findings)} claims: {', '.join(parts)}"
+
+
+def write_paper(results: Results, request: Request) -> Iterator[str]:
+    """Writes all files into the folder of the request; yields lines for the terminal."""
+    out = request.out
+    chapters = [_chapter(results, name, title) for name, title in results.datasets.items()]
+    pictures = draw_figures(results, out / "figures")
+    for chapter in chapters:
+        _write_tables(chapter, out / "tables")
+    _write_claims(chapters, out / "claims.json")
+    content = {
+        "chapters": chapters,
+        "pictures": pictures,
+        "missing": missing_rows(request),
+        "failed": results.failed,
+        "quick": request.quick,
+        "machine": machine(),
+        "method": METHOD,
+        "meaning": MEANING,
+        "source": SOURCE,
+        "version": mottrack.__version__,
+    }
+    write_text(out / "paper.html", _page(content))
+    write_text(out / "paper.md", _markdown(content))
+    yield from (f"{chapter.title}: {chapter.summary}" for chapter in chapters)
+    yield from (f"failed: {name}: {reason}" for name, reason in results.failed.items())
+    yield f"paper:  {out / 'paper.html'}"
+
+
+def missing_rows(request: Request) -> list[str]:
+    """For every row of Table II without weights the command that trains them."""
+    folder = request.ablation or Path("ablation")
+    return [
+        f"mottrack train train_{name} --out {folder / name}"
+        for name in ABLATIONS
+        if name != "pwc" and ablation_weights(name, request.ablation) is None
+    ]
+
+
+def machine() -> str:
+    """What the times were measured on."""
+    import torch
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    device = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no GPU"
+    return f"{_processor()}, {cores} cores, {device}; flow in one thread"
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _chapter(results: Results, name: str, title: str) -> Chapter:
+    pairs = [(table, results.find(name, table.study)) for table in TABLES]
+    known = [(table, study) for table, study in pairs if study is not None]
+    return Chapter(
+        dataset=name,
+        title=title,
+        tables=[paper_table(table, study) for table, study in known],
+        numbers=[number_table(table, study) for table, study in known],
+        findings=results.findings(name),
+        beyond=beyond_table([t for t, _ in known], [s for _, s in known]),
+    )
+
+
+def _write_tables(chapter: Chapter, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    claims = claim_table(chapter.findings, chapter.dataset)
+    for table in (*chapter.tables, claims):
+        write_text(folder / f"{table.name}.tex", to_latex(table))
+    for table in (*chapter.numbers, claims):
+        write_text(folder / f"{table.name}.csv", to_csv(table))
+    write_text(folder / f"{chapter.beyond.name}_{chapter.dataset}.csv", to_csv(chapter.beyond))
+
+
+def _write_claims(chapters: Sequence[Chapter], path: Path) -> None:
+    content = {
+        "meaning": MEANING,
+        "method": METHOD,
+        "counts": {chapter.dataset: chapter.counts for chapter in chapters},
+        "claims": [f.as_dict() for chapter in chapters for f in chapter.findings],
+    }
+    write_text(path, json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def _page(content: dict[str, Any]) -> str:
+    environment = Environment(
+        loader=PackageLoader("mottrack.paper"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["data_url"] = _data_url
+    environment.filters["slug"] = lambda text: text.replace(" ", "-")
+    styles = files("mottrack.report").joinpath("templates", "css")
+    style = "\n".join(styles.joinpath(name).read_text() for name in STYLES)
+    return environment.get_template("paper.html.j2").render(**content, style=style)
+
+
+def _data_url(picture: Picture) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture.file.read_bytes()).decode()
+
+
+def _markdown(content: dict[str, Any]) -> str:
+    parts = [f"# The paper, measured again\n\n{content['source']}; mottrack {content['version']}."]
+    if content["quick"]:
+        parts.append("A quick run: few and short scenes, wide intervals.")
+    for chapter in content["chapters"]:
+        parts.append(f"## {chapter.title}\n\n{chapter.summary}. {METHOD}.")
+        parts += [to_markdown(table) for table in chapter.tables]
+        parts.append(to_markdown(claim_table(chapter.findings, chapter.dataset)))
+        if chapter.beyond.rows:
+            parts.append(to_markdown(chapter.beyond))
+    parts += [f"![{p.caption}](figures/{p.file.name})\n\n{p.caption}" for p in content["pictures"]]
+    parts += [f"Not measured for want of weights: `{command}`" for command in content["missing"]]
+    return "\n\n".join(parts) + "\n"

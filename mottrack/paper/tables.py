@@ -1,0 +1,166 @@
+"""Our tables beside the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from mottrack.eval.paired import Sampled, t_interval
+from mottrack.formats.text_table import Cell, Column, TextTable
+from mottrack.paper.claims import Finding
+from mottrack.paper.plan import ABLATIONS
+from mottrack.paper.published import LABELS, Published
+from mottrack.paper.results import StudyResult
+
+ABSENT = "not measured"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One cell: ours with its interval, and the paper's."""
+
+    variant: str
+    heading: str
+    value: float
+    reach: float
+    """Half the width of the 95 % interval; NaN where there is none."""
+    printed: float | None
+    scenes: int
+
+    @property
+    def text(self) -> str:
+        """As people read it."""
+        if self.value != self.value:
+            ours = ABSENT
+        elif self.reach != self.reach:
+            ours = number(self.value)
+        else:
+            ours = f"{number(self.value)} ± {number(self.reach)}"
+        return ours if self.printed is None else f"{ours} (paper {self.printed:g})"
+
+
+def number(value: float) -> str:
+    """Three digits, or one for what is large."""
+    return f"{value:.3f}" if abs(value) < 20 else f"{value:.1f}"
+
+
+def measure(table: Published, result: StudyResult) -> list[list[Measured]]:
+    """A line a method, a cell a figure."""
+    return [
+        [
+            _measured(variant, column, table, result.sampled(variant, key))
+            for column, (_, key) in enumerate(table.figures)
+        ]
+        for variant in _present(table, result)
+    ]
+
+
+def paper_table(table: Published, result: StudyResult) -> TextTable:
+    """Ours and the paper's in one cell, for people."""
+    lines = measure(table, result)
+    names = [LABELS[line[0].variant] for line in lines]
+    headings = [heading for heading, _ in table.figures]
+    rows: list[tuple[Cell, ...]] = [
+        (name, *(cell.text for cell in line)) for name, line in zip(names, lines, strict=True)
+    ]
+    columns = ("method", *headings)
+    if not table.upright:
+        turned = zip(*lines, strict=True)
+        rows = [
+            (heading, *(cell.text for cell in cells))
+            for heading, cells in zip(headings, turned, strict=True)
+        ]
+        columns = ("figure", *names)
+    title = f"Table {table.number}: {table.title}"
+    scenes = f"{len(result.sampling.scenes)} scenes of {result.study.title}; ± is a 95 % interval."
+    return TextTable(
+        f"table_{table.number}_{result.study.dataset}",
+        title,
+        tuple(Column(name) for name in columns),
+        tuple(rows),
+        f"{scenes} {table.note}",
+    )
+
+
+def number_table(table: Published, result: StudyResult) -> TextTable:
+    """The same as numbers, one line a cell, for programs."""
+    columns = ("method", "figure", "value", "low", "high", "paper", "scenes")
+    rows: list[tuple[Cell, ...]] = []
+    for line in measure(table, result):
+        for cell in line:
+            ends = (cell.value - cell.reach, cell.value + cell.reach)
+            names = (LABELS[cell.variant], cell.heading)
+            rows.append((*names, cell.value, *ends, cell.printed, cell.scenes))
+    name = f"table_{table.number}_{result.study.dataset}"
+    return TextTable(name, table.title, tuple(Column(c) for c in columns), tuple(rows))
+
+
+def claim_table(findings: Sequence[Finding], dataset: str) -> TextTable:
+    """Every claim with its verdict."""
+    columns = (
+        Column("claim"),
+        Column("paper"),
+        Column("ours"),
+        Column("difference", signed=True),
+        Column("low", signed=True),
+        Column("high", signed=True),
+        Column("verdict"),
+        Column("source"),
+    )
+    rows = tuple(_claim_row(finding) for finding in findings)
+    return TextTable(f"claims_{dataset}", "The paper's claims", columns, rows)
+
+
+def beyond_table(tables: Sequence[Published], results: Sequence[StudyResult]) -> TextTable:
+    """Rows that the paper has not, against the first row of the same table."""
+    columns = (
+        *(Column(name) for name in ("table", "method", "against", "figure", "value")),
+        Column("difference", signed=True),
+        Column("low", signed=True),
+        Column("high", signed=True),
+        Column("real"),
+    )
+    rows = tuple(row for t, r in zip(tables, results, strict=True) for row in _beyond(t, r))
+    return TextTable("beyond_the_paper", "Beyond the paper", columns, rows)
+
+
+def _beyond(table: Published, result: StudyResult) -> Iterator[tuple[Cell, ...]]:
+    first = next(iter(table.values))
+    for variant in table.extra:
+        for heading, key in table.figures:
+            found = result.paired(first, variant, key)
+            if found is not None:
+                real = {True: "better", False: "worse", None: "not shown"}[found.better]
+                names = (table.number, LABELS[variant], LABELS[first], heading)
+                yield (*names, found.value, found.difference, found.low, found.high, real)
+
+
+def _claim_row(finding: Finding) -> tuple[Cell, ...]:
+    claim, found = finding.claim, finding.paired
+    printed = "in words" if claim.published is None else "{:g}, {:g}".format(*claim.published)
+    if found is None:
+        return (claim.text, printed, ABSENT, None, None, None, finding.verdict, claim.source)
+    ours = f"{number(found.value)}, {number(found.baseline)}"
+    ends = (found.difference, found.low, found.high)
+    return (claim.text, printed, ours, *ends, finding.verdict, claim.source)
+
+
+def _present(table: Published, result: StudyResult) -> list[str]:
+    """The paper's rows, measured or not, and those of ours that were."""
+    extra = [v for v in (*table.extra, *_alike(table)) if v in result.sampling.figures]
+    return [*table.values, *extra]
+
+
+def _alike(table: Published) -> tuple[str, ...]:
+    """PWCNet trained as briefly as its rivals, where there are such weights."""
+    return tuple(v for v in ABLATIONS if v not in table.values) if table.number == "II" else ()
+
+
+def _measured(variant: str, column: int, table: Published, sampled: Sampled | None) -> Measured:
+    heading, printed = table.figures[column][0], table.printed(variant, column)
+    if sampled is None or (printed is None and variant in table.values):
+        nothing = float("nan")
+        return Measured(variant, heading, nothing, nothing, printed, 0)
+    scenes = int(sampled.present.sum())
+    _, high = t_interval(sampled.value, sampled.draws, scenes)
+    return Measured(variant, heading, sampled.value, high - sampled.value, printed, scenes)
