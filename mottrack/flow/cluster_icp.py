@@ -47,7 +47,8 @@ class ClusterIcpFlow:
         self._stages = Stages(self.config.stages, self.grid)
 
     def reset(self) -> None:
-        """Nothing to forget: each pair is taken for itself."""
+        """Forgets the work on earlier sweeps."""
+        self._stages.forget()
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
         """The field of every component that could be compared.

@@ -15,8 +15,7 @@ from mottrack.flow.correlation import all_starts, distance_map
 from mottrack.flow.matching import MatchScene, match_components, shift_costs
 from mottrack.flow.prepared import Prepared
 from mottrack.lidar.point_grid import build_point_grid
-from mottrack.lidar.range_image import PASSED, build_range_image, seen_before
-from mottrack.lidar.thinning import first_in_voxel
+from mottrack.lidar.range_image import PASSED, asked_from, seen_before
 
 
 class MatchConfig(StrictModel):
@@ -88,6 +87,9 @@ Starts = tuple[NDArray[np.float64], NDArray[np.int64]]
 """(S, 2) shifts in metres sorted by component, and the (K + 1,) first one of each."""
 
 
+_Sorted = tuple[MatchScene, NDArray[np.int64], NDArray[np.int64]]
+
+
 class Matcher:
     """Both sweeps of a pair, thinned and indexed."""
 
@@ -97,20 +99,18 @@ class Matcher:
         self.elapsed_s = prepared.elapsed_s
         reach_m = _reach(prepared)
         self.raster = BevGrid(-reach_m, reach_m, -reach_m, reach_m, config.cell_m)
-        kept = first_in_voxel(prepared.current.xyz_m, config.voxel_m)
-        self.points_m = np.array(prepared.current.xyz_m[kept])
-        self.previous_m = np.array(
-            prepared.previous.xyz_m[first_in_voxel(prepared.previous.xyz_m, config.voxel_m)]
-        )
+        now, then = prepared.current_work, prepared.previous_work
+        self.points_m = np.array(prepared.current.xyz_m[now.thinned(config.voxel_m)])
+        self.previous_m = np.array(prepared.previous.xyz_m[then.thinned(config.voxel_m)])
         scale = np.array([1.0, 1.0, config.z_scale], np.float32)
         self._scaled_m = self.points_m * scale
+        self._last: tuple[Labels, _Sorted] | None = None
         self._cells = np.column_stack(self.raster.cells(self.points_m)[:2])
-        then, now = prepared.previous_full, prepared.current_full
         self._scene = MatchScene(
             build_point_grid(self.previous_m * scale, config.cap_m / 2, reach_m),
             build_point_grid(self._scaled_m, config.cap_m / 2, reach_m),
-            build_range_image(then.xyz_m, then.origin_m),
-            build_range_image(now.xyz_m, now.origin_m),
+            asked_from(then.image, prepared.previous_T_current),
+            now.image,
             np.zeros((0, 0), np.int64),
             (-reach_m, -reach_m),
             config.cell_m,
@@ -159,14 +159,17 @@ class Matcher:
         costs = shift_costs(scene, (points_m, spans), shift_m, self.config.max_points)
         return np.asarray(costs[:, 0])
 
-    def _sorted(self, labels: Labels) -> tuple[MatchScene, NDArray[np.int64], NDArray[np.int64]]:
+    def _sorted(self, labels: Labels) -> _Sorted:
         """The scene with the components' footprints, points sorted by component, spans (K + 1,)."""
+        if self._last is not None and self._last[0] is labels:
+            return self._last[1]
         order = np.argsort(labels.of_point, kind="stable")
         order = order[np.searchsorted(labels.of_point[order], 0) :]
         spans = np.searchsorted(labels.of_point[order], np.arange(labels.count + 1))
         cells = (self._cells[:, 0], self._cells[:, 1])
         footprint = grown_labels(self.raster.shape, cells, labels.of_point)
-        return self._scene._replace(footprint=footprint), order, spans
+        self._last = labels, (self._scene._replace(footprint=footprint), order, spans)
+        return self._last[1]
 
     def _passed(self, order: NDArray[np.int64], spans: NDArray[np.int64]) -> NDArray[np.int64]:
         states = seen_before(self._scene.previous_image, self.points_m[order])

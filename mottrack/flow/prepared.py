@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
+from mottrack.flow.sweep_work import SweepWork
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +20,12 @@ class Prepared:
     """Kept points of the previous sweep; ego motion (and its residual, if aligned) removed."""
     current: Sweep
     """Kept points of the current sweep."""
-    previous_full: Sweep
-    """All points of the previous sweep, ground included, moved like the kept ones."""
-    current_full: Sweep
-    """All points of the current sweep."""
+    previous_work: SweepWork
+    """Of all points of the previous sweep, in ITS ego frame."""
+    current_work: SweepWork
+    """Of all points of the current sweep."""
+    previous_T_current: Pose
+    """From the current ego frame to the previous sweep's own, the correction included."""
     previous_height_m: NDArray[np.float32]
     """(N_previous,) height of each kept point above the ground."""
     current_height_m: NDArray[np.float32]

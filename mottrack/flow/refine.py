@@ -34,6 +34,7 @@ class RefineConfig(StrictModel):
     similar_share: float = Field(0.35, ge=0, description="the same, as a share of the speed")
     min_points: int = Field(12, ge=1, description="fewer points fit any shift: not refined")
     max_correction_m: float = Field(0.5, gt=0, description="a larger correction is refused")
+    tie_m: float = Field(0.008, ge=0, description="costs this close are equal: rest is likelier")
     min_passed: int = Field(5, ge=1, description="points seen through before: not at rest")
     passed_share: float = Field(0.03, ge=0, description="and at least this share of the points")
 
@@ -77,7 +78,7 @@ class Refiner:
         correction_m = np.hypot(*(matches.shift_m - start_m).T)
         refined = believed & (matches.points >= self.config.min_points)
         refined &= correction_m < self.config.max_correction_m
-        resting = ~believed & (matches.rest_cost_m <= claimed_m)
+        resting = ~believed & (matches.rest_cost_m <= claimed_m + self.config.tie_m)
         return refined, resting & ~self._passed(matches)
 
     def _passed(self, matches: Matches) -> NDArray[np.bool_]:

@@ -23,11 +23,12 @@ from mottrack.core.motion import FlowField
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import GroundStage, keep_points
+from mottrack.flow.kept_points import GroundStage
 from mottrack.flow.prepared import Prepared
 from mottrack.flow.refine import RefineConfig, Refiner
+from mottrack.flow.sweep_work import RecentWork, SweepWork
 from mottrack.lidar.alignment import AlignmentConfig, residual_motion
-from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster
+from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster, with_returns
 
 _NEAR_M = 0.5
 """How far off an earlier place may be and still be the one that a velocity names."""
@@ -69,6 +70,7 @@ class Stages:
         self.config = config or StagesConfig()
         self.grid = grid or BevGrid()
         self._refiner = Refiner(self.config.refine)
+        self._work = RecentWork(self.config.ground)
 
     def before(self, previous: Sweep, current: Sweep) -> Prepared:
         """Removes ground and ego motion from two sweeps, each in its own ego frame.
@@ -77,27 +79,42 @@ class Stages:
             InputError: ``current`` is not later than ``previous``.
         """
         elapsed_s = elapsed_seconds(previous, current)
-        then, then_height_m = keep_points(previous, self.config.ground)
-        now, now_height_m = keep_points(current, self.config.ground)
-        full = previous.seen_from(current)
+        earlier, later = self._work.of(previous), self._work.of(current)
+        (then, then_height_m), (now, now_height_m) = earlier.kept, later.kept
         then = then.seen_from(current)
+        previous_T_current = previous.world_T_ego.inverse() @ current.world_T_ego
         correction = Pose.identity()
         if self.config.alignment.enabled:
             correction = residual_motion(then.xyz_m, now.xyz_m, self.config.alignment)
-            then, full = _moved(then, correction), _moved(full, correction)
-        seen = self.config.visibility.enabled
+            then = _moved(then, correction)
+            previous_T_current = previous_T_current @ correction.inverse()
         return Prepared(
             previous=then,
             current=now,
-            previous_full=full,
-            current_full=current,
+            previous_work=earlier,
+            current_work=later,
+            previous_T_current=previous_T_current,
             previous_height_m=then_height_m,
             current_height_m=now_height_m,
             elapsed_s=elapsed_s,
             correction=correction,
-            previous_seen=visibility_raster(full, then.xyz_m, self.grid) if seen else None,
-            current_seen=visibility_raster(current, now.xyz_m, self.grid) if seen else None,
+            previous_seen=self._seen(earlier, then, previous_T_current),
+            current_seen=self._seen(later, now, Pose.identity()),
         )
+
+    def work_on(self, sweep: Sweep) -> SweepWork:
+        """What is made of one sweep alone."""
+        return self._work.of(sweep)
+
+    def forget(self) -> None:
+        """Forgets the work on earlier sweeps, which is kept because the next pair needs it."""
+        self._work.forget()
+
+    def _seen(self, work: SweepWork, kept: Sweep, sweep_T_grid: Pose) -> NDArray[np.int8] | None:
+        if not self.config.visibility.enabled:
+            return None
+        seen = visibility_raster(work.sweep, work.farthest_m, self.grid, sweep_T_grid)
+        return with_returns(seen, kept.xyz_m, self.grid)
 
     def after(self, field: FlowField, prepared: Prepared) -> FlowField:
         """The field with the rules of geometry applied: visibility, verification, refinement.
@@ -123,19 +140,21 @@ def silence_unseen(
     vehicle that has driven into what was hidden is told by its earlier place: something stood
     there. It keeps its velocity.
     """
-    unseen = field.occupied & (previous_seen == UNSEEN)
-    unseen[unseen] = ~_came_from(field, unseen, previous_seen == OCCUPIED, elapsed_s)
-    return replace(
-        field,
-        velocity_mps=np.where(unseen[..., None], np.float32(0), field.velocity_mps),
-        valid=field.valid & ~unseen,
-    )
+    rows, cols = np.nonzero(field.occupied & (previous_seen == UNSEEN))
+    lost = ~_came_from(field, (rows, cols), previous_seen == OCCUPIED, elapsed_s)
+    velocity_mps, valid = np.array(field.velocity_mps), np.array(field.valid)
+    velocity_mps[rows[lost], cols[lost]] = 0.0
+    valid[rows[lost], cols[lost]] = False
+    return replace(field, velocity_mps=velocity_mps, valid=valid)
 
 
 def _came_from(
-    field: FlowField, cells: NDArray[np.bool_], occupied: NDArray[np.bool_], elapsed_s: float
+    field: FlowField,
+    cells: tuple[NDArray[np.int64], NDArray[np.int64]],
+    occupied: NDArray[np.bool_],
+    elapsed_s: float,
 ) -> NDArray[np.bool_]:
-    """(C,) whether something stood near the earlier place of each chosen cell (H, W)."""
+    """(C,) whether something stood near the earlier place of each chosen cell (rows, columns)."""
     velocity_mps, grid = field.velocity_mps[cells], field.grid
     rows, cols, inside = grid.cells(grid.centres_m()[cells] - velocity_mps * elapsed_s)
     moved = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) * elapsed_s > grid.cell_m

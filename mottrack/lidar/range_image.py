@@ -14,6 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mottrack.core.pose import Pose
+from mottrack.lidar.azimuth import quick_atan2
+
 HIDDEN, PASSED, HIT = 0, 1, 2
 _COLUMNS = 900
 """0.4 degrees: at least one ray of any rotating LiDAR in each column."""
@@ -30,14 +33,25 @@ class RangeImage(NamedTuple):
 
     nearest_m: NDArray[np.float32]
     farthest_m: NDArray[np.float32]
-    origin_m: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    """(3, 3) turns a place that is asked for into the frame of the sweep."""
+    offset_m: NDArray[np.float64]
+    """(3,) is added to it then: it is relative to the optical centre."""
 
 
 def build_range_image(xyz_m: NDArray[np.float32], origin_m: NDArray[np.float64]) -> RangeImage:
     """Range image of all returns (N, 3), ground included, around the optical centre (3,)."""
     origin = np.array(origin_m, dtype=np.float64)
     nearest_m, farthest_m = _fill(np.array(xyz_m), origin)
-    return RangeImage(nearest_m, farthest_m, origin)
+    return RangeImage(nearest_m, farthest_m, np.eye(3), -origin)
+
+
+def asked_from(image: RangeImage, sweep_T_frame: Pose) -> RangeImage:
+    """The same image, asked for places in another frame: the returns stay where they are."""
+    return image._replace(
+        rotation=np.ascontiguousarray(sweep_T_frame.rotation),
+        offset_m=sweep_T_frame.translation_m + image.offset_m,
+    )
 
 
 def seen_before(
@@ -48,11 +62,11 @@ def seen_before(
 
 
 @njit(cache=True)
-def _bin(x: float, y: float, z: float, origin_m: NDArray[np.float64]) -> tuple[int, int, float]:
-    dx, dy, dz = x - origin_m[0], y - origin_m[1], z - origin_m[2]
+def _bin(dx: float, dy: float, dz: float) -> tuple[int, int, float]:
+    """Row, column and range of a place relative to the optical centre."""
     flat_m = np.sqrt(dx * dx + dy * dy) + 1e-6
-    column = int((np.arctan2(dy, dx) + np.pi) * (_COLUMNS / (2 * np.pi))) % _COLUMNS
-    row = int(np.arctan(dz / flat_m) * _ROWS_PER_RAD) + _ROWS // 2
+    column = int((quick_atan2(dy, dx) + np.pi) * (_COLUMNS / (2 * np.pi))) % _COLUMNS
+    row = int(quick_atan2(dz, flat_m) * _ROWS_PER_RAD) + _ROWS // 2
     return min(max(row, 0), _ROWS - 1), column, np.sqrt(flat_m * flat_m + dz * dz)
 
 
@@ -63,7 +77,9 @@ def _fill(
     nearest_m = np.zeros((_COLUMNS, _ROWS), np.float32)
     farthest_m = np.zeros((_COLUMNS, _ROWS), np.float32)
     for i in range(len(xyz_m)):
-        row, column, range_m = _bin(xyz_m[i, 0], xyz_m[i, 1], xyz_m[i, 2], origin_m)
+        row, column, range_m = _bin(
+            xyz_m[i, 0] - origin_m[0], xyz_m[i, 1] - origin_m[1], xyz_m[i, 2] - origin_m[2]
+        )
         held_m = nearest_m[column, row]
         if held_m == 0 or range_m < held_m:
             nearest_m[column, row] = range_m
@@ -85,7 +101,12 @@ def _first_filled(line_m: NDArray[np.float32], row: int, step: int) -> int:
 @njit(cache=True)
 def state_at(image: RangeImage, x_m: float, y_m: float, z_m: float, slack_m: float) -> int:
     """HIDDEN, PASSED or HIT at one place; a neighbourhood of three columns decides."""
-    row, column, range_m = _bin(x_m, y_m, z_m, image.origin_m)
+    turn, offset_m = image.rotation, image.offset_m
+    row, column, range_m = _bin(
+        turn[0, 0] * x_m + turn[0, 1] * y_m + turn[0, 2] * z_m + offset_m[0],
+        turn[1, 0] * x_m + turn[1, 1] * y_m + turn[1, 2] * z_m + offset_m[1],
+        turn[2, 0] * x_m + turn[2, 1] * y_m + turn[2, 2] * z_m + offset_m[2],
+    )
     passed, sides = 0, 0
     for c in range(column - 1, column + 2):
         line_near = image.nearest_m[c % _COLUMNS]

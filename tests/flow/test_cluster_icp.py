@@ -10,7 +10,8 @@ import pytest
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.flow.cluster_icp import ClusterIcpConfig, ClusterIcpFlow
-from mottrack.flow.stages import Stages, StagesConfig
+from mottrack.flow.stages import Stages, StagesConfig, silence_unseen
+from mottrack.lidar.visibility import OCCUPIED, UNSEEN
 
 GRID = BevGrid(cell_m=0.5)
 
@@ -88,6 +89,21 @@ def test_a_wall_said_to_move_is_withdrawn(prepared_street):
     _, stages, prepared = prepared_street
     wall = field_that_says(prepared, GRID, lambda xy: np.where(xy[..., 1:] > 13, [3.0, 0.0], 0.0))
     assert np.abs(stages.after(wall, prepared).velocity_mps).max() == 0
+
+
+@pytest.mark.parametrize(("speed_mps", "kept"), [(20.0, True), (-20.0, False), (0.0, False)])
+def test_what_comes_out_of_hiding_keeps_a_velocity_that_names_its_earlier_place(speed_mps, kept):
+    row, col, _ = GRID.cells(np.array([[5.0, 0.0], [3.0, 0.0]]))
+    occupied = np.zeros(GRID.shape, np.bool_)
+    occupied[row[0], col[0]] = True
+    velocity_mps = np.where(occupied[..., None], np.float32([speed_mps, 0.0]), np.float32(0))
+    blank = FlowField.unmeasured(GRID, occupied, 0)
+    said = replace(blank, velocity_mps=velocity_mps, valid=occupied)
+    seen_before = np.full(GRID.shape, UNSEEN, np.int8)
+    seen_before[row[1], col[1]] = OCCUPIED
+    left = silence_unseen(said, seen_before, 0.1)
+    assert left.valid[row[0], col[0]] == kept
+    assert left.velocity_mps[row[0], col[0], 0] == (speed_mps if kept else 0.0)
 
 
 def test_a_car_said_to_be_a_little_slower_is_corrected(prepared_street):

@@ -7,8 +7,23 @@ import numpy as np
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
-from mottrack.lidar.range_image import HIDDEN, HIT, PASSED, build_range_image, seen_before
-from mottrack.lidar.visibility import FREE, OCCUPIED, UNSEEN, visibility_raster
+from mottrack.lidar.azimuth import quick_atan2
+from mottrack.lidar.range_image import (
+    HIDDEN,
+    HIT,
+    PASSED,
+    asked_from,
+    build_range_image,
+    seen_before,
+)
+from mottrack.lidar.visibility import (
+    FREE,
+    OCCUPIED,
+    UNSEEN,
+    farthest_returns,
+    visibility_raster,
+    with_returns,
+)
 
 ORIGIN_M = np.array([0.0, 0.0, 1.8])
 
@@ -42,7 +57,8 @@ def sweep():
 def test_behind_a_wall_is_unseen_and_before_it_free():
     grid = BevGrid(cell_m=0.5)
     wall = sweep().xyz_m[sweep().xyz_m[:, 2] > 0.3]
-    seen = visibility_raster(sweep(), wall, grid)
+    seen = visibility_raster(sweep(), farthest_returns(sweep()), grid)
+    seen = with_returns(seen, wall, grid)
     rows, cols, _ = grid.cells(np.array([[5.0, 0.0], [15.0, 0.0], [10.0, 0.1], [-20.0, 3.0]]))
     assert seen[rows, cols].tolist() == [FREE, UNSEEN, OCCUPIED, FREE]
 
@@ -52,3 +68,32 @@ def test_a_point_is_passed_hit_or_hidden():
     points = np.array([[5, 0, 1.0], [10.1, 0, 1.0], [14, 0, 1.0], [5, 0, 3.5]], np.float32)
     # above the rays that came back nothing is known
     assert seen_before(image, points).tolist() == [PASSED, HIT, HIDDEN, HIDDEN]
+
+
+def test_asking_from_another_frame_is_moving_the_returns():
+    """The work on a sweep is done once, in its own frame, and asked from the next one."""
+    grid = BevGrid(cell_m=0.5)
+    sweep_T_frame = Pose.from_yaw(0.2, (1.5, -0.4, 0.1))
+    frame_T_sweep = sweep_T_frame.inverse()
+    moved = Sweep(
+        frame_T_sweep.apply(sweep().xyz_m).astype(np.float32),
+        sweep().reflectance,
+        0,
+        Pose.identity(),
+        frame_T_sweep.apply(ORIGIN_M[None])[0],
+    )
+    asked = visibility_raster(sweep(), farthest_returns(sweep()), grid, sweep_T_frame)
+    assert (asked == visibility_raster(moved, farthest_returns(moved), grid)).mean() > 0.99
+    places = np.random.default_rng(0).uniform((-20, -20, 0), (20, 20, 2), (500, 3))
+    image = asked_from(build_range_image(sweep().xyz_m, ORIGIN_M), sweep_T_frame)
+    there = build_range_image(sweep().xyz_m, ORIGIN_M)
+    assert np.array_equal(
+        seen_before(image, places.astype(np.float32)),
+        seen_before(there, sweep_T_frame.apply(places).astype(np.float32)),
+    )
+
+
+def test_the_quick_arctangent():
+    angle = np.linspace(-np.pi, np.pi, 1001)
+    found = [quick_atan2(np.sin(a), np.cos(a)) for a in angle[1:-1]]
+    np.testing.assert_allclose(found, angle[1:-1], atol=2e-5)

@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.layers import conv_block, small_init
+from mottrack.flow.pillarflow.layers import conv_block, side_by_side, small_init
 
 
 class Context(nn.Module):
@@ -27,5 +27,5 @@ class Context(nn.Module):
         self, features: torch.Tensor, motion: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Add what the wider view says to the motion."""
-        wide = self.layers(torch.cat((features, motion), dim=1))
+        wide = self.layers(side_by_side([features, motion]))
         return motion + self.motion(wide), wide

@@ -36,3 +36,18 @@ def channels_last(module: Module) -> Module:
     """The module with its convolutions in the memory order that CPUs and tensor cores prefer."""
     moved: Module = module.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return moved
+
+
+def side_by_side(parts: list[torch.Tensor]) -> torch.Tensor:
+    """Maps (B,.,H,W) joined along the channels, in the precision of the convolution that follows.
+
+    Under autocast `torch.cat` would widen all of them to float32 first and the convolution narrow
+    the result again: the same numbers, at a quarter of the whole network's time on a CPU.
+    """
+    device = parts[0].device.type
+    if device != "cpu" or not torch.is_autocast_enabled(device) or torch.is_grad_enabled():
+        return torch.cat(parts, dim=1)
+    dtype = torch.get_autocast_dtype(device)
+    layout = torch.channels_last
+    with torch.autocast(device, enabled=False):
+        return torch.cat([part.to(dtype, memory_format=layout) for part in parts], dim=1)

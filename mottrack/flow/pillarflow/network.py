@@ -9,6 +9,7 @@ from torch import nn
 
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.flownet import FlowNetDecoder
+from mottrack.flow.pillarflow.layers import side_by_side
 from mottrack.flow.pillarflow.pillar_net import BinaryEncoder, PillarEncoder, Points
 from mottrack.flow.pillarflow.pwc import PwcDecoder
 from mottrack.flow.pillarflow.spynet import SpyNetDecoder
@@ -66,8 +67,8 @@ class BevFlowNet(nn.Module):
         """Estimate; `visibility` (B,4,H,W) as in SweepPair."""
         beside = None
         if self.visibility:
-            current = torch.cat((current, visibility[:, :2]), dim=1)
-            previous = torch.cat((previous, visibility[:, 2:]), dim=1)
+            current = side_by_side([current, visibility[:, :2]])
+            previous = side_by_side([previous, visibility[:, 2:]])
             beside = visibility[:, 2:]
         motions, features = self.decoder(current, previous, beside)
         return Estimate([m.float() for m in motions], self.uncertainty(features).float())

@@ -10,7 +10,7 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.context import Context
 from mottrack.flow.pillarflow.cost_volume import cost_volume
 from mottrack.flow.pillarflow.estimator import Estimator, Upsampler
-from mottrack.flow.pillarflow.layers import LEAK
+from mottrack.flow.pillarflow.layers import LEAK, side_by_side
 from mottrack.flow.pillarflow.pyramid import Pyramid
 from mottrack.flow.pillarflow.warping import warp
 
@@ -54,7 +54,7 @@ class Level(nn.Module):
         """Features and motion from both maps, the lifted (motion, features) and what is beside."""
         start = lifted[0] if lifted else None
         evidence = [*self.costs(one, two, start), one, *lifted, *beside]
-        features, residual = self.estimator(torch.cat(evidence, dim=1))
+        features, residual = self.estimator(side_by_side(evidence))
         return features, residual if start is None else start + residual
 
 

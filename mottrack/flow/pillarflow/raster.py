@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from mottrack.core.grid import BevGrid
@@ -30,14 +31,6 @@ def cell_of_centres(grid: BevGrid, cells: CellGrid) -> NDArray[np.int64]:
     return (rows * cells.columns + columns).astype(np.int64)
 
 
-def share(mask: NDArray[np.bool_], index: NDArray[np.int64], cells: CellGrid) -> Floats:
-    """(rows,columns) share of the interface cells inside each network cell that are set."""
-    total = np.bincount(index.ravel(), minlength=cells.cells)
-    hits = np.bincount(index.ravel(), weights=mask.ravel(), minlength=cells.cells)
-    shares = hits / np.maximum(total, 1)
-    return shares.reshape(cells.rows, cells.columns).astype(np.float32)
-
-
 def seen_shares(
     seen: tuple[NDArray[np.int8] | None, NDArray[np.int8] | None],
     index: NDArray[np.int64],
@@ -51,9 +44,24 @@ def seen_shares(
     channels = np.zeros((4, cells.rows, cells.columns), np.float32)
     for which, raster in enumerate(seen):
         if raster is not None:
-            channels[2 * which] = share(raster == UNSEEN, index, cells)
-            channels[2 * which + 1] = share(raster == FREE, index, cells)
+            _shares(raster.ravel(), index.ravel(), channels[2 * which :].reshape(-1, cells.cells))
     return channels
+
+
+@njit(cache=True)
+def _shares(states: NDArray[np.int8], index: NDArray[np.int64], shares: Floats) -> None:
+    """Fills (2+,cells): of the interface cells inside each network cell, those unseen and free."""
+    total = np.zeros(shares.shape[1], np.float32)
+    for i in range(len(states)):
+        total[index[i]] += 1.0
+        if states[i] == UNSEEN:
+            shares[0, index[i]] += 1.0
+        elif states[i] == FREE:
+            shares[1, index[i]] += 1.0
+    for cell in range(len(total)):
+        if total[cell] > 0.0:
+            shares[0, cell] /= total[cell]
+            shares[1, cell] /= total[cell]
 
 
 def network_points(xyz_m: Floats, height_m: Floats, reflectance: Floats) -> Floats:

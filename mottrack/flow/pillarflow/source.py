@@ -14,7 +14,6 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import keep_points
 from mottrack.flow.pillarflow.raster import (
     cell_of_centres,
     network_cells,
@@ -81,7 +80,7 @@ class PillarFlow:
             InputError: ``current`` is not later than ``previous``.
         """
         if elapsed_seconds(previous, current) > self.config.max_gap_s:
-            kept, _ = keep_points(current, self.config.stages.ground)
+            kept, _ = self.stages.work_on(current).kept
             occupied = self.grid.occupancy(kept.xyz_m)
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
         prepared = self.stages.before(previous, current)
@@ -105,24 +104,24 @@ class PillarFlow:
         return self._field(motion, occupied, prepared)
 
     def reset(self) -> None:
-        """Nothing to forget: every pair stands for itself."""
+        """Forgets the work on earlier sweeps."""
+        self.stages.forget()
 
     def _field(self, motion: Motion, occupied: NDArray[np.bool_], prepared: Prepared) -> FlowField:
-        """The network's cells looked up for each cell of the grid, divided by the elapsed time."""
-        rows, columns = np.divmod(self._index, self.cells.columns)
+        """The network's cells looked up for each occupied cell, divided by the elapsed time."""
+        rows, columns = np.divmod(self._index[occupied], self.cells.columns)
         rows, columns = rows // motion.stride, columns // motion.stride
-        covariance = motion.covariance_m2[rows, columns] / prepared.elapsed_s**2
-        velocity = motion.motion_m[rows, columns] / prepared.elapsed_s
+        covariance = np.zeros((*occupied.shape, 2, 2), np.float32)
+        velocity = np.zeros((*occupied.shape, 2), np.float32)
+        covariance[occupied] = motion.covariance_m2[rows, columns] / prepared.elapsed_s**2
+        velocity[occupied] = motion.motion_m[rows, columns] / prepared.elapsed_s
         variance = covariance[..., 0, 0] + covariance[..., 1, 1]
-        certain = variance < 2.0 * self.config.max_sigma_mps**2
         return FlowField(
             grid=self.grid,
-            velocity_mps=np.where(occupied[..., None], velocity, 0.0).astype(np.float32),
-            covariance_m2ps2=np.where(occupied[..., None, None], covariance, 0.0).astype(
-                np.float32
-            ),
+            velocity_mps=velocity,
+            covariance_m2ps2=covariance,
             occupied=occupied,
-            valid=occupied & certain,
+            valid=occupied & (variance < 2.0 * self.config.max_sigma_mps**2),
             weight=occupied.astype(np.float32),
             stamp_ns=prepared.current.stamp_ns,
         )

@@ -63,6 +63,10 @@ def _sweep(stamp_ns: int, seed: int = 0, count: int = 4000) -> Sweep:
     return Sweep(xyz, rng.uniform(0, 1, count).astype(np.float32), stamp_ns, Pose.identity())
 
 
+def _pose(step: int) -> Pose:
+    return Pose.from_yaw(0.02 * step, (0.8 * step, 0.0, 0.0))
+
+
 def _source(file: Path, **settings: object) -> PillarFlow:
     return PillarFlow(PillarFlowConfig(weights=str(file), **settings), grid=GRID)
 
@@ -85,6 +89,20 @@ def test_raw_is_what_estimate_returns_unrefined(file: Path) -> None:
     field = source.estimate(previous, current)
     raw = source.raw(source.stages.before(previous, current))
     assert np.array_equal(field.velocity_mps, raw.velocity_mps)
+
+
+def test_the_work_on_the_earlier_sweep_is_reused_to_the_last_bit(file: Path) -> None:
+    drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(3)]
+    going, fresh = _source(file), _source(file)
+    going.estimate(drive[0], drive[1])
+    image = going.stages.work_on(drive[1]).image
+    one, two = going.estimate(drive[1], drive[2]), fresh.estimate(drive[1], drive[2])
+    assert going.stages.work_on(drive[1]).image is image
+    assert np.array_equal(one.velocity_mps, two.velocity_mps)
+    assert np.array_equal(one.covariance_m2ps2, two.covariance_m2ps2)
+    assert np.array_equal(one.valid, two.valid)
+    going.reset()
+    assert going.stages.work_on(drive[1]).image is not image
 
 
 def test_half_the_time_is_twice_the_velocity(file: Path) -> None:
