@@ -9,6 +9,7 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.trackers.fixed_lag.motion import MotionNoise
 from mottrack.trackers.fixed_lag.robust import Huber
+from mottrack.trackers.fixed_lag.witness import Witness
 
 
 class MotionConfig(StrictModel):
@@ -29,13 +30,22 @@ class RobustConfig(StrictModel):
 
     threshold: float = Field(2.0, ge=0, description="sigmas with quadratic loss; 0: no weights")
     flag: float = Field(3.0, ge=0, description="innovation, in sigmas, that flags a window")
-    span: int = Field(4, ge=1, description="nodes for which a window stays flagged")
-    iterations: int = Field(3, ge=0, le=20, description="re-weightings per window and frame")
+    span: int = Field(9, ge=1, description="nodes for which a window stays flagged")
+    iterations: int = Field(1, ge=0, le=20, description="re-weightings per window and frame")
     max_windows: int = Field(15, ge=0, description="windows solved again per frame")
+
+    velocity_gate: float = Field(
+        3.0, ge=0, description="sigmas from the displacement that cost a velocity its weight; 0: no"
+    )
+    acceleration_mps2: float = Field(2.0, ge=0, description="what a straight line leaves out")
+    slide: float = Field(
+        1.5, ge=1, description="factor on the sigma of positions, whose errors last over frames"
+    )
 
     def huber(self) -> Huber:
         """The same numbers for the engines."""
-        return Huber(**self.model_dump())
+        own = self.model_dump(exclude={"velocity_gate", "acceleration_mps2", "slide"})
+        return Huber(**own, witness=Witness(self.velocity_gate, self.acceleration_mps2, self.slide))
 
 
 class MeasurementConfig(StrictModel):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,18 @@ from mottrack.core.errors import InputError
 from mottrack.trackers.fixed_lag.motion import F64, STATE_DIM, MotionNoise, predict
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
 from mottrack.trackers.fixed_lag.store import I64, Layout, Mask, NodeStore
+
+
+class Selectable(Protocol):
+    """Rows that a mask or an index picks from."""
+
+    def select(self, rows: Any) -> Self:
+        """The rows that a mask or an index picks."""
+        ...
+
+
+Prepared = TypeVar("Prepared", bound=Selectable)
+"""Nodes in the form in which an engine eliminates them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +66,26 @@ class Recent(NamedTuple):
     open: Mask
     """(N, D) nodes whose weights may change: not the oldest of a window that lost older ones."""
 
+    def select(self, rows: I64 | Mask) -> Recent:
+        """The rows that a mask or an index picks."""
+        return Recent(self.slots[rows], self.column[rows], self.there[rows], self.open[rows])
 
-class FixedLagEngine(ABC):
+
+class History(NamedTuple):
+    """The measurements of recent nodes, (N, D, ...); where no node is `there`, harmless numbers."""
+
+    there: Mask
+    age_s: F64
+    """Before the newest node of the track."""
+    position_m: F64
+    """About the anchor of the track."""
+    position_covariance_m2: F64
+    velocity_mps: F64
+    velocity_covariance_m2ps2: F64
+    has_velocity: Mask
+
+
+class FixedLagEngine(ABC, Generic[Prepared]):
     """Windows of up to `lag_ns` for any number of tracks, addressed by slot.
 
     A slot is a small integer that the caller picks; it is free again after `release`. Positions are
@@ -103,7 +133,8 @@ class FixedLagEngine(ABC):
         born = batch.slot[batch.birth]
         self._anchor_m[born] = batch.position_m[batch.birth]
         column = self._store.at(batch.slot, self._store.count[batch.slot])
-        advanced = self._advance(batch, dt_s, column)
+        prepared = self._prepare(batch, self._anchor_m[batch.slot], dt_s)
+        advanced = self._advance(prepared, batch.slot, column)
         grown = batch.select(advanced)
         self._stamp_ns[grown.slot] = batch.stamp_ns
         self._store.append(grown, dt_s[advanced])
@@ -156,16 +187,26 @@ class FixedLagEngine(ABC):
         """(N, D, 2) robust weights."""
         return np.asarray(self._store["weight"][recent.slots[:, None], recent.column])
 
-    def residuals(self, recent: Recent) -> tuple[NodeBatch, F64]:
-        """Nodes in `recent.there`, row by row, and their smoothed states (n, 6) about the anchors.
+    def history(self, recent: Recent) -> History:
+        """What was measured at these nodes."""
+        slots = recent.slots[:, None]
+        found = self._store.fields(slots, recent.column)
+        stamp_ns = self._store["stamp_ns"][slots, recent.column]
+        has = found["has_velocity"] & recent.there
+        there, seen = recent.there[:, :, None, None], has[:, :, None, None]
+        return History(
+            there=recent.there,
+            age_s=np.where(recent.there, (stamp_ns[:, -1:] - stamp_ns) * 1e-9, 0.0),
+            position_m=found["position_m"] - self._anchor_m[slots],
+            position_covariance_m2=np.where(there, found["position_covariance_m2"], np.eye(2)),
+            velocity_mps=np.where(seen[..., 0], found["velocity_mps"], 0.0),
+            velocity_covariance_m2ps2=np.where(seen, found["velocity_covariance_m2ps2"], np.eye(2)),
+            has_velocity=has,
+        )
 
-        The positions of the nodes are about the anchors as well; their slots are only numbers.
-        """
-        slots = np.repeat(recent.slots, recent.there.sum(axis=1))
-        fields = self._store.fields(slots, recent.column[recent.there])
-        fields["position_m"] = fields["position_m"] - self._anchor_m[slots]
-        batch = NodeBatch(stamp_ns=0, slot=np.arange(len(slots)), **fields)
-        return batch, self._smoothed(recent)[recent.there]
+    def smoothed(self, recent: Recent) -> F64:
+        """(N, D, 6) means about the anchors, given all measurements so far."""
+        return self._smoothed(recent)
 
     def reweigh(self, recent: Recent, weight: F64, first: I64) -> None:
         """Gives nodes new weights (N, D, 2), from column `first` (N,) on, and solves them again.
@@ -175,12 +216,18 @@ class FixedLagEngine(ABC):
         before = self._store.rows(recent.slots)
         newest = self._mean[recent.slots], self._covariance[recent.slots]
         sound = np.ones(len(recent.slots), np.bool_)
-        for depth in range(int(first.min(initial=len(recent.column))), recent.column.shape[1]):
-            rows = np.flatnonzero(sound & (first <= depth))
-            slots, column = recent.slots[rows], recent.column[rows, depth]
-            self._store["weight"][slots, column] = weight[rows, depth]
-            batch = NodeBatch(stamp_ns=0, slot=slots, **self._store.fields(slots, column))
-            sound[rows] = self._advance(batch, self._store["dt_s"][slots, column], column)
+        anew = np.arange(weight.shape[1]) >= first[:, None]
+        slots = np.repeat(recent.slots, anew.sum(axis=1))
+        self._store["weight"][slots, recent.column[anew]] = weight[anew]
+        fields = self._store.fields(slots, recent.column[anew])
+        dt_s = self._store["dt_s"][slots, recent.column[anew]]
+        nodes = NodeBatch(stamp_ns=0, slot=np.arange(len(slots)), **fields)
+        prepared = self._prepare(nodes, self._anchor_m[slots], dt_s)
+        place = np.cumsum(anew).reshape(anew.shape) - 1
+        for depth in range(int(first.min(initial=weight.shape[1])), weight.shape[1]):
+            rows = np.flatnonzero(sound & anew[:, depth])
+            some = prepared.select(place[rows, depth])
+            sound[rows] = self._advance(some, recent.slots[rows], recent.column[rows, depth])
         failed = recent.slots[~sound]
         self._store.restore(failed, {name: rows[~sound] for name, rows in before.items()})
         self._mean[failed], self._covariance[failed] = newest[0][~sound], newest[1][~sound]
@@ -201,8 +248,12 @@ class FixedLagEngine(ABC):
             self._covariance = np.concatenate([self._covariance, fresh])
 
     @abstractmethod
-    def _advance(self, batch: NodeBatch, dt_s: F64, column: I64) -> Mask:
-        """Eliminates one step of every row's chain, up to the node stored in `column` (N,).
+    def _prepare(self, batch: NodeBatch, anchor_m: F64, dt_s: F64) -> Prepared:
+        """What `_advance` needs of nodes (N,), which may belong to one track or to many."""
+
+    @abstractmethod
+    def _advance(self, nodes: Prepared, slots: I64, column: I64) -> Mask:
+        """Eliminates one step of the chain of each slot (N,), up to the node in `column` (N,).
 
         Sets means and covariances of the new nodes. Returns (N,) the rows that could be eliminated;
         the chains of the others are unchanged.
@@ -215,3 +266,7 @@ class FixedLagEngine(ABC):
     @abstractmethod
     def _smoothed_covariance(self, slot: int, column: I64) -> F64:
         """(K, 6, 6) of a whole window, stored in these columns (K,)."""
+
+
+Engine = FixedLagEngine[Any]
+"""Any of the engines."""

@@ -32,7 +32,7 @@ Eliminated = tuple[list[Any], list[Any]]
 """Conditionals of the old states, and what is known of the new ones; births have no old state."""
 
 
-class GtsamEngine(FixedLagEngine):
+class GtsamEngine(FixedLagEngine[WhitenedRows]):
     """Fixed-lag smoothing by forward elimination of a chain per track."""
 
     def __init__(self, noise: MotionNoise, lag_ns: int, separate_factors: bool = False) -> None:
@@ -49,18 +49,21 @@ class GtsamEngine(FixedLagEngine):
         self._add = _add_apart if separate_factors else _add_stacked
         self._eliminate = _eliminate_both if separate_factors else _eliminate_old
 
-    def _advance(self, batch: NodeBatch, dt_s: F64, column: I64) -> Mask:
-        rows = whiten(batch, self._anchor_m[batch.slot], dt_s, self.noise)
+    def _prepare(self, batch: NodeBatch, anchor_m: F64, dt_s: F64) -> WhitenedRows:
+        return whiten(batch, anchor_m, dt_s, self.noise)
+
+    def _advance(self, nodes: WhitenedRows, slots: I64, column: I64) -> Mask:
         previous = self._store.before(column)
-        number = np.where(batch.birth, 0, self._store["number"][batch.slot, previous] + 1)
-        keys = (batch.slot << _INDEX_BITS) + number
-        good = np.ones(len(batch), np.bool_)
+        number = np.where(nodes.birth, 0, self._store["number"][slots, previous] + 1)
+        keys = (slots << _INDEX_BITS) + number
+        good = np.ones(len(slots), np.bool_)
         while good.any():
-            graph = self._frame_graph(batch, rows, (keys, previous, good))
+            roots = self._store["root"][slots[good], previous[good]]
+            graph = self._frame_graph(nodes.select(good), roots, keys[good])
             try:
-                conditionals, factors = self._eliminate(graph, keys[good], batch.birth[good])
+                conditionals, factors = self._eliminate(graph, keys[good], nodes.birth[good])
             except RuntimeError as failure:
-                good &= batch.slot != _culprit(failure, batch.slot[good])
+                good &= slots != _culprit(failure, slots[good])
                 continue
             roots = _roots(factors, keys[good])
             mean, covariance, sound = _moments(roots)
@@ -69,26 +72,22 @@ class GtsamEngine(FixedLagEngine):
             good[good] = sound
         else:
             return good
-        slots, old = batch.slot[good], good & ~batch.birth
-        self._store["conditional"][batch.slot[old], previous[old]] = conditionals
-        self._store["root"][slots, column[good]] = roots
-        self._store["number"][slots, column[good]] = number[good]
-        self._mean[slots], self._covariance[slots] = mean, covariance
+        old, kept = good & ~nodes.birth, slots[good]
+        self._store["conditional"][slots[old], previous[old]] = conditionals
+        self._store["root"][kept, column[good]] = roots
+        self._store["number"][kept, column[good]] = number[good]
+        self._mean[kept], self._covariance[kept] = mean, covariance
         return good
 
-    def _frame_graph(
-        self, batch: NodeBatch, rows: WhitenedRows, chain: tuple[I64, I64, Mask]
-    ) -> Any:
-        """The graph of the rows in a mask, with their new keys and the columns of their roots."""
-        keys, previous, good = chain
-        roots = self._store["root"][batch.slot, previous]
+    def _frame_graph(self, nodes: WhitenedRows, roots: F64, keys: I64) -> Any:
+        """The graph of nodes (N,) with their new keys, and the roots that they continue."""
         graph = gtsam.GaussianFactorGraph()
-        births, new, counts = batch.birth.tolist(), keys.tolist(), rows.count.tolist()
-        stacked = _stacked_rows(roots, rows)
-        for row in np.flatnonzero(good).tolist():
-            count, key = counts[row], new[row]
+        births, counts = nodes.birth.tolist(), nodes.count.tolist()
+        stacked = _stacked_rows(roots, nodes)
+        for row, key in enumerate(keys.tolist()):
+            count = counts[row]
             if births[row]:
-                current, target = rows.current[row, :count], rows.target[row, :count]
+                current, target = nodes.current[row, :count], nodes.target[row, :count]
                 graph.add(key, current, target, _UNIT[count])
             else:
                 self._add(graph, key, stacked, (row, count + 6))

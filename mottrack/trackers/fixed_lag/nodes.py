@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -76,9 +76,9 @@ class NodeBatch:
     def __len__(self) -> int:
         return len(self.slot)
 
-    def select(self, rows: NDArray[np.bool_]) -> NodeBatch:
-        """The rows of a mask (N,)."""
-        if rows.all():
+    def select(self, rows: NDArray[Any]) -> NodeBatch:
+        """The rows that a mask or an index picks."""
+        if rows.dtype == np.bool_ and rows.all():
             return self
         arrays = {name: getattr(self, name)[rows] for name in MEASUREMENT}
         return NodeBatch(stamp_ns=self.stamp_ns, slot=self.slot[rows], **arrays)
@@ -124,6 +124,12 @@ class WhitenedRows:
     """(N, 10)."""
     count: NDArray[np.int64]
     """(N,) rows in use: 10, or 8 without velocity."""
+    birth: NDArray[np.bool_]
+    """(N,) the first node of its track."""
+
+    def select(self, rows: NDArray[Any]) -> WhitenedRows:
+        """The nodes that a mask or an index picks."""
+        return WhitenedRows(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, noise: MotionNoise) -> WhitenedRows:
@@ -147,7 +153,7 @@ def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, noise: MotionNoise) -> Wh
     root *= np.sqrt(batch.weight[seen, 1])[:, None, None]
     current[seen, 8:10, 2:4] = root
     target[seen, 8:10] = (root @ batch.velocity_mps[seen][:, :, None])[:, :, 0]
-    return WhitenedRows(previous, current, target, np.where(seen, 10, 8))
+    return WhitenedRows(previous, current, target, np.where(seen, 10, 8), batch.birth)
 
 
 def birth_prior(noise: MotionNoise) -> F64:

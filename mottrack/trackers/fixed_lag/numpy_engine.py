@@ -6,9 +6,10 @@ means something. It is also the engine where there is no GTSAM (Windows).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
 from mottrack.trackers.fixed_lag.motion import F64, MotionNoise, process_noise, transition
@@ -31,7 +32,19 @@ class Filtered(NamedTuple):
     """(N, 6, 6) smoothing gain `P F^T P_pred^-1` of the node before."""
 
 
-class NumpyEngine(FixedLagEngine):
+class Step(NamedTuple):
+    """Nodes (N,), the anchors of their tracks (N, 2) and the time since the node before (N,)."""
+
+    batch: NodeBatch
+    anchor_m: F64
+    dt_s: F64
+
+    def select(self, rows: NDArray[Any]) -> Step:
+        """The nodes that a mask or an index picks."""
+        return Step(self.batch.select(rows), self.anchor_m[rows], self.dt_s[rows])
+
+
+class NumpyEngine(FixedLagEngine[Step]):
     """Fixed-lag smoothing by filter and smoother recursions."""
 
     def __init__(self, noise: MotionNoise, lag_ns: int) -> None:
@@ -39,23 +52,27 @@ class NumpyEngine(FixedLagEngine):
         tails = {name: (6, 6) if name in matrices else (6,) for name in Filtered._fields}
         super().__init__(noise, lag_ns, {name: (np.float64, tail) for name, tail in tails.items()})
 
-    def _advance(self, batch: NodeBatch, dt_s: F64, column: I64) -> Mask:
-        before = self._store.before(column)
-        prior = [self._store[name][batch.slot, before] for name in ("mean", "covariance")]
-        nodes = self._filter(batch, dt_s, *prior)
-        for name, array in nodes._asdict().items():
-            self._store[name][batch.slot, column] = array
-        self._mean[batch.slot], self._covariance[batch.slot] = nodes.mean, nodes.covariance
-        return np.ones(len(batch), np.bool_)
+    def _prepare(self, batch: NodeBatch, anchor_m: F64, dt_s: F64) -> Step:
+        return Step(batch, anchor_m, dt_s)
 
-    def _filter(self, batch: NodeBatch, dt_s: F64, mean: F64, covariance: F64) -> Filtered:
+    def _advance(self, nodes: Step, slots: I64, column: I64) -> Mask:
+        before = self._store.before(column)
+        mean, covariance = (self._store[name][slots, before] for name in ("mean", "covariance"))
+        found = self._filter(nodes, mean, covariance)
+        for name, array in found._asdict().items():
+            self._store[name][slots, column] = array
+        self._mean[slots], self._covariance[slots] = found.mean, found.covariance
+        return np.ones(len(slots), np.bool_)
+
+    def _filter(self, nodes: Step, mean: F64, covariance: F64) -> Filtered:
         """One step for every row."""
+        batch, dt_s = nodes.batch, nodes.dt_s
         step = transition(dt_s)
         predicted = np.einsum("nij,nj->ni", step, mean)
         crossed = step @ covariance
         spread = crossed @ step.transpose(0, 2, 1) + process_noise(dt_s, self.noise)
         born = batch.birth
-        position = batch.position_m - self._anchor_m[batch.slot]
+        position = batch.position_m - nodes.anchor_m
         noise = batch.position_covariance_m2 / batch.weight[:, :1, None]
         predicted[born] = 0.0
         predicted[born, :2] = position[born]

@@ -10,13 +10,15 @@ birth they lock onto it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
-from mottrack.trackers.fixed_lag.motion import F64, planar_root_information
+from mottrack.trackers.fixed_lag.engine import Engine, Recent
+from mottrack.trackers.fixed_lag.motion import F64
 from mottrack.trackers.fixed_lag.store import I64
+from mottrack.trackers.fixed_lag.witness import Witness
+from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
 
 
 @dataclass(frozen=True)
@@ -27,12 +29,14 @@ class Huber:
     """Normalised distance up to which the loss is quadratic; 0 switches robust weights off."""
     flag: float = 3.0
     """Normalised innovation from which on a window is solved again."""
-    span: int = 4
+    span: int = 9
     """Nodes for which a window stays flagged: later ones hardly change the verdict."""
-    iterations: int = 3
+    iterations: int = 1
     """Re-weightings per window and frame."""
     max_windows: int = 15
     """Windows solved again in one frame; the largest innovations go first."""
+    witness: Witness = field(default_factory=Witness)
+    """Judges measured velocities by the displacement."""
 
     def weights(self, distance: F64) -> F64:
         """Weights `min(1, threshold / distance)` of normalised distances of any shape."""
@@ -40,45 +44,47 @@ class Huber:
             return np.ones_like(distance)
         return self.threshold / np.maximum(distance, self.threshold)
 
-    def refine(self, engine: FixedLagEngine, slots: I64) -> int:
+    def refine(self, engine: Engine, slots: I64) -> int:
         """Solves the flagged windows among `slots` (N,) again; returns how many."""
-        flagged = engine.recent(self._flagged(engine, slots), self.span + 1)
-        count = len(flagged.slots)
-        if count == 0:
+        if self.threshold <= 0 or len(slots) == 0:
             return 0
+        window = self._flagged(engine, slots)
+        count = len(window.slots)
         for _ in range(self.iterations):
-            fresh, old = self._window_weights(engine, flagged), engine.weight(flagged)
-            moved = (np.abs(fresh - old).max(axis=2) > 1e-3) & flagged.open
-            moving = moved.any(axis=1)
-            if not moving.any():
+            if len(window.slots) == 0:
                 break
-            flagged = Recent(*(array[moving] for array in flagged))
-            engine.reweigh(flagged, fresh[moving], moved[moving].argmax(axis=1))
+            fresh, old = self._window_weights(engine, window), engine.weight(window)
+            moved = (np.abs(fresh - old).max(axis=2) > 1e-3) & window.open
+            moving = moved.any(axis=1)
+            window = window.select(moving)
+            engine.reweigh(window, fresh[moving], moved[moving].argmax(axis=1))
         return count
 
-    def _flagged(self, engine: FixedLagEngine, slots: I64) -> I64:
-        """Tracks with a suspicious measurement that is still open to a second look."""
-        if self.threshold <= 0 or len(slots) == 0:
-            return slots[:0]
-        worst = engine.innovation(engine.recent(slots, self.span)).max(axis=(1, 2))
-        ranked = np.lexsort((slots, -worst))
-        chosen = ranked[worst[ranked] > self.flag][: self.max_windows]
-        return np.asarray(slots[chosen])
+    def _flagged(self, engine: Engine, slots: I64) -> Recent:
+        """Windows with a suspicious measurement that is still open to a second look."""
+        window = engine.recent(slots, self.span + 1)
+        worst = engine.innovation(window)[:, 1:].max(axis=(1, 2), initial=0.0)
+        excess = worst / self.flag
+        if self.witness.gate > 0:
+            distance = self.witness.distance(engine.history(window))
+            blamed = self.witness.weights(distance) < engine.weight(window)[:, :, 1] - 1e-3
+            far = np.where(blamed & window.open, distance, 0.0).max(axis=1)
+            excess = np.maximum(excess, far / self.witness.gate)
+        ranked = np.lexsort((slots, -excess))
+        return window.select(ranked[excess[ranked] > 1.0][: self.max_windows])
 
-    def _window_weights(self, engine: FixedLagEngine, recent: Recent) -> F64:
-        """(N, D, 2) weights from the residuals of the smoothed nodes."""
-        data, smoothed = engine.residuals(recent)
-        distance = np.zeros((*recent.there.shape, 2))
-        off_m, off_mps = data.position_m - smoothed[:, :2], data.velocity_mps - smoothed[:, 2:4]
-        unseen = ~data.has_velocity
-        spread = np.where(unseen[:, None, None], np.eye(2), data.velocity_covariance_m2ps2)
-        velocity = np.where(unseen, 0.0, _length(spread, off_mps))
-        position = _length(data.position_covariance_m2, off_m)
-        distance[recent.there] = np.column_stack([position, velocity])
-        return self.weights(distance)
+    def _window_weights(self, engine: Engine, recent: Recent) -> F64:
+        """(N, D, 2) weights from the residuals of the smoothed nodes, and from the witness."""
+        history, smoothed = engine.history(recent), engine.smoothed(recent)
+        off_m = history.position_m - smoothed[:, :, :2]
+        off_mps = history.velocity_mps - smoothed[:, :, 2:4]
+        position = self.weights(_length(history.position_covariance_m2, off_m))
+        velocity = self.weights(_length(history.velocity_covariance_m2ps2, off_mps))
+        velocity = np.minimum(velocity, self.witness.weights(self.witness.distance(history)))
+        return np.stack([position, np.where(history.has_velocity, velocity, 1.0)], axis=2)
 
 
 def _length(covariance: F64, off: F64) -> F64:
-    """(N,) normalised length of residuals (N, 2)."""
-    whitened = np.einsum("nij,nj->ni", planar_root_information(covariance), off)
-    return np.asarray(np.hypot(whitened[:, 0], whitened[:, 1]))
+    """(N, D) normalised length of residuals (N, D, 2)."""
+    flat = inverse_2x2(covariance.reshape(-1, 2, 2))
+    return np.asarray(np.sqrt(quadratic_2x2(flat, off.reshape(-1, 2)))).reshape(off.shape[:2])

@@ -13,7 +13,7 @@ from mottrack.trackers.association import mahalanobis
 from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.book import TrackBook
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
-from mottrack.trackers.fixed_lag.engine import Belief, FixedLagEngine, SmoothedWindow
+from mottrack.trackers.fixed_lag.engine import Belief, Engine, SmoothedWindow
 from mottrack.trackers.fixed_lag.matching import Matches, Predicted, Seen, match
 from mottrack.trackers.fixed_lag.measurement import Measured, measured
 from mottrack.trackers.fixed_lag.merge_split import Overlaps
@@ -301,7 +301,7 @@ class _Held(NamedTuple):
     objects: NDArray[np.bool_]
 
 
-def make_engine(config: FixedLagConfig) -> FixedLagEngine:
+def make_engine(config: FixedLagConfig) -> Engine:
     """The engine that a configuration names.
 
     Raises:

@@ -1,0 +1,120 @@
+"""What positions alone say of a velocity: the witness against a flow that missed a motion.
+
+A flow source that finds no match for a sparse or fast cluster reports that it stands still, as sure
+as ever, and so in every frame. Such errors agree with each other, so a robust loss about the joint
+estimate believes them. The displacement over the window is independent of the flow; measured
+velocities that it contradicts lose their weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from mottrack.trackers.fixed_lag.engine import History
+from mottrack.trackers.fixed_lag.motion import F64
+from mottrack.trackers.fixed_lag.store import Mask
+from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
+
+_REJECTED = 1e-4
+
+
+@dataclass(frozen=True)
+class Witness:
+    """How far a measured velocity may be from the displacement of its track."""
+
+    gate: float = 3.0
+    """Normalised distance from which on a velocity loses its weight; 0: never."""
+    acceleration_mps2: float = 2.0
+    """Standard deviation of the acceleration that the straight line leaves out."""
+    slide: float = 1.5
+    """Factor on the standard deviation of positions: their errors last over frames as well."""
+
+    def weights(self, distance: F64) -> F64:
+        """1 within the gate and next to nothing beyond: errors that last are not averaged out."""
+        return np.where((self.gate > 0) & (distance > self.gate), _REJECTED, 1.0)
+
+    def distance(self, history: History) -> F64:
+        """(N, D) normalised distances of measured velocities from the displacement's.
+
+        0 where no velocity was measured, or where a track has fewer than two nodes.
+        """
+        mean_mps, covariance = displacement_velocity(
+            history.there,
+            history.age_s,
+            history.position_m,
+            history.position_covariance_m2,
+        )
+        # the line's middle and its end differ by half a window of acceleration
+        bend = self.acceleration_mps2 * history.age_s.max(axis=1, initial=0.0) / 2
+        covariance = self.slide**2 * covariance + (bend**2)[:, None, None] * np.eye(2)
+        off = history.velocity_mps - mean_mps[:, None]
+        spread = history.velocity_covariance_m2ps2 + covariance[:, None]
+        squared = quadratic_2x2(inverse_2x2(spread.reshape(-1, 2, 2)), off.reshape(-1, 2))
+        distance = np.sqrt(squared).reshape(history.age_s.shape)
+        return np.where(history.has_velocity, distance, 0.0)
+
+
+@njit(cache=True)
+def displacement_velocity(
+    there: Mask, age_s: F64, position_m: F64, covariance_m2: F64
+) -> tuple[F64, F64]:
+    """Velocity (N, 2) and its covariance (N, 2, 2) of straight lines through the positions.
+
+    Weighted least squares over (N, D) nodes with the positions' own covariances. A track with one
+    node has a velocity of zero with a covariance of 1e6.
+    """
+    count = len(there)
+    velocity, covariance = np.zeros((count, 2)), np.zeros((count, 2, 2))
+    for n in range(count):
+        # normal equations of (x, y at the newest node, velocity): blocks of 2 x 2
+        normal, right = np.zeros((4, 4)), np.zeros(4)
+        for k in range(there.shape[1]):
+            if there[n, k]:
+                _add(normal, right, (-age_s[n, k], position_m[n, k], covariance_m2[n, k]))
+        lever = _product(normal[2:, :2], _inverse(normal[:2, :2]))
+        own = normal[2:, 2:] - _product(lever, normal[:2, 2:])
+        if own[0, 0] * own[1, 1] - own[0, 1] * own[1, 0] < 1e-6:
+            covariance[n] = 1e6 * np.eye(2)
+            continue
+        covariance[n] = _inverse(own)
+        for i in range(2):
+            moment = right[2 + i] - lever[i, 0] * right[0] - lever[i, 1] * right[1]
+            velocity[n] += covariance[n, :, i] * moment
+    return velocity, covariance
+
+
+@njit(cache=True)
+def _add(normal: F64, right: F64, node: tuple[float, F64, F64]) -> None:
+    """Adds the equations of one position."""
+    time_s, position_m, covariance_m2 = node
+    information = _inverse(covariance_m2)
+    for i in range(2):
+        pull = information[i, 0] * position_m[0] + information[i, 1] * position_m[1]
+        right[i] += pull
+        right[2 + i] += time_s * pull
+        for j in range(2):
+            normal[i, j] += information[i, j]
+            normal[i, 2 + j] += time_s * information[i, j]
+            normal[2 + i, j] += time_s * information[i, j]
+            normal[2 + i, 2 + j] += time_s * time_s * information[i, j]
+
+
+@njit(cache=True)
+def _inverse(matrix: F64) -> F64:
+    inverse = np.empty((2, 2))
+    scale = 1.0 / (matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
+    inverse[0, 0], inverse[1, 1] = matrix[1, 1] * scale, matrix[0, 0] * scale
+    inverse[0, 1], inverse[1, 0] = -matrix[0, 1] * scale, -matrix[1, 0] * scale
+    return inverse
+
+
+@njit(cache=True)
+def _product(one: F64, other: F64) -> F64:
+    product = np.zeros((2, 2))
+    for i in range(2):
+        for j in range(2):
+            product[i, j] = one[i, 0] * other[0, j] + one[i, 1] * other[1, j]
+    return product
