@@ -109,14 +109,16 @@ def _medians(
 
 
 def _applied(field: FlowField, cells: NDArray[np.int64], outcome: _Outcome) -> FlowField:
-    take = (cells >= 0) & np.append(outcome.refined, False)[cells]
-    drop = (cells >= 0) & np.append(outcome.withdrawn, False)[cells]
+    rows, cols = np.nonzero(cells >= 0)
+    owner = cells[rows, cols]
+    take, drop = outcome.refined[owner], outcome.withdrawn[owner]
     velocity_mps = np.array(field.velocity_mps)
     covariance = np.array(field.covariance_m2ps2)
-    shift_m = cell_displacements(outcome.matches, cells[take], field.grid.centres_m()[take])
-    velocity_mps[take] = shift_m / outcome.elapsed_s
-    velocity_mps[drop] = 0.0
+    place_m = field.grid.centres_m()[rows[take], cols[take]]
+    shift_m = cell_displacements(outcome.matches, owner[take], place_m)
+    velocity_mps[rows[take], cols[take]] = shift_m / outcome.elapsed_s
+    velocity_mps[rows[drop], cols[drop]] = 0.0
     variance = (outcome.matches.sigma_m / outcome.elapsed_s) ** 2
     settled = take | drop
-    covariance[settled] = variance[cells[settled], None, None] * np.eye(2)
+    covariance[rows[settled], cols[settled]] = variance[owner[settled], None, None] * np.eye(2)
     return replace(field, velocity_mps=velocity_mps, covariance_m2ps2=covariance)
