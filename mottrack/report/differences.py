@@ -12,8 +12,8 @@ from mottrack.report.contest import Entrant
 SHOWN = {
     ("tracking", "all", "AMOTA"): "AMOTA",
     ("tracking", "all", "AMOTP"): "AMOTP",
-    ("tracking", "all", "MOTA"): "official MOTA (mean over classes)",
-    ("tracking", "all", "MOTP"): "official MOTP (mean over classes)",
+    ("tracking", "all", "MOTA"): "official MOTA",
+    ("tracking", "all", "MOTP"): "official MOTP",
     ("tracking", "all", "IDS"): "identity switches",
     ("velocity", "all", "mean"): "velocity error (all)",
     ("velocity", "all", "worst 5 %"): "velocity error (worst 5 %)",
@@ -68,8 +68,9 @@ class Whisker:
     @property
     def interval_text(self) -> str:
         """Both ends."""
-        ends = [_number(self.row, end, "+") for end in (self.row.low, self.row.high)]
-        return " … ".join(ends) if self.known else "–"
+        if not self.known:
+            return "–"
+        return " … ".join(_number(self.row, end, "+") for end in (self.row.low, self.row.high))
 
 
 WORDS = {"better": "better", "worse": "worse", "alike": "not told apart", "": "too few scenes"}
@@ -95,6 +96,7 @@ def difference_groups(
     groups = []
     for baseline in dict.fromkeys(d.baseline for d in differences):
         ours = [d for d in differences if d.baseline == baseline and d.run in by_title]
+        official = any(paired.key.metric == "AMOTA" for d in ours for paired in d.rows)
         for key, name in SHOWN.items():
             found = [
                 (by_title[d.run], paired)
@@ -104,7 +106,8 @@ def difference_groups(
                 and paired.difference == paired.difference
             ]
             if found:
-                groups.append(_group(name, baseline, found))
+                shown = name if official else name.removeprefix("official ")
+                groups.append(_group(shown, baseline, found))
     return groups
 
 
@@ -126,8 +129,9 @@ def _group(name: str, baseline: str, found: Sequence[tuple[Entrant, Paired]]) ->
 
 
 def _number(row: Paired, value: float, sign: str = "") -> str:
-    digits = 1 if row.key.metric == COUNTED and value != round(value) else 3
-    digits = 0 if row.key.metric == COUNTED and value == round(value) else digits
+    digits = 3
+    if row.key.metric == COUNTED:
+        digits = 0 if value.is_integer() else 1
     return f"{value:{sign}.{digits}f}".replace("-", "−")
 
 

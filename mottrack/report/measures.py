@@ -29,7 +29,7 @@ class Measure:
             return "–"
         if self.unit == "%":
             return f"{100 * value:.{self.digits}f} %"
-        return f"{value:.{0 if isinstance(value, int) else self.digits}f}"
+        return f"{value:.{0 if isinstance(value, int) else self.digits}f}".replace("-", "−")
 
 
 TRACKING = (

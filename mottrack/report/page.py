@@ -54,6 +54,7 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # tables have an order
     runs = [run for run in comparison.runs if run.report.finished]
     entrants = [Entrant(index, run) for index, run in enumerate(runs)]
     analyses = [Analysis.of(run) for run in runs]

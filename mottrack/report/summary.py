@@ -181,10 +181,19 @@ def _findings(groups: Sequence[Group]) -> list[str]:
                 if w.verdict in ("better", "worse") and not w.entrant.oracle:
                     found.setdefault((w.entrant.title, w.verdict), []).append(group.name)
         told = [f"{run} is {verdict} in {_listed(n)}" for (run, verdict), n in found.items()]
-        words = "; ".join(told) if told else "no difference, in any figure compared"
+        if not any(w.known for group in ours for w in group.whiskers):
+            texts.append(f"Against {baseline}: too few scenes to tell a difference from chance.")
+            continue
+        words = "; ".join(told) if told else "no difference in any figure"
         texts.append(f"Borne out by the scenes (95 %), against {baseline}: {words}.")
     return texts
 
 
 def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    """In one phrase; "flow (a)" and "flow (b)" become "flow (a, b)"."""
+    inner: dict[str, list[str]] = {}
+    for name in names:
+        stem, _, detail = name.removesuffix(")").partition(" (")
+        inner.setdefault(stem, []).extend([detail] if detail else [])
+    told = [f"{stem} ({', '.join(parts)})" if parts else stem for stem, parts in inner.items()]
+    return told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"

@@ -142,6 +142,7 @@ def browser(binary: str, profile: Path) -> Iterator[Page]:
         page.session = page.call("Target.attachToTarget", targetId=tab, flatten=True)["sessionId"]
         for domain in ("Runtime", "Log", "Network", "Page"):
             page.call(f"{domain}.enable")
+        page.call("Emulation.setFocusEmulationEnabled", enabled=True)
         yield page
     finally:
         page.session = None

@@ -56,7 +56,19 @@ def test_it_opens_without_an_error_and_asks_the_network_for_nothing(page: Page) 
     assert page.errors == []
     assert [r for r in page.requests if not r.startswith(("file:", "data:"))] == []
     assert page.run("document.querySelectorAll('#curves svg').length") == 4
-    assert page.run("document.querySelectorAll('#distributions svg').length") >= 2
+    shown = page.run(
+        "[...document.querySelectorAll('#distributions figcaption')].map((f) => f.innerText)"
+    )
+    assert shown == ["fast [3, inf) m/s", "all", "car"]  # in the order of the table
+
+
+def test_a_term_is_explained_where_it_stands(page: Page) -> None:
+    page.run("document.querySelector('#tracking [data-tip]').focus()")
+    tip = "document.getElementById('tip')"
+    assert not page.run(f"{tip}.hidden")
+    assert page.run(f"{tip}.textContent").startswith("Average multi-object tracking accuracy")
+    page.key("Escape", 27)
+    assert page.run(f"{tip}.hidden")
 
 
 def test_the_slider_and_the_keys_move_through_the_frames(page: Page) -> None:

@@ -1,4 +1,6 @@
+import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -61,6 +63,20 @@ def test_a_report_of_a_finished_folder_is_the_same_page(
     write_report(comparison, tmp_path / "then.html")
     write_report(load_comparison(comparison.out), tmp_path / "later.html")
     assert (tmp_path / "then.html").read_bytes() == (tmp_path / "later.html").read_bytes()
+
+
+def test_too_few_scenes_for_an_interval_are_said_to_be_too_few(
+    comparison: Comparison, tmp_path: Path
+) -> None:
+    differences = tuple(
+        replace(d, rows=tuple(replace(r, low=math.nan, high=math.nan) for r in d.rows))
+        for d in comparison.differences
+    )
+    path = tmp_path / "report.html"
+    write_report(replace(comparison, differences=differences), path)
+    text = path.read_text()
+    assert "Against zero: too few scenes to tell a difference from chance." in text
+    assert ">too few scenes</td>" in text
 
 
 def test_scenes_that_do_not_fit_are_listed(comparison: Comparison, tmp_path: Path) -> None:

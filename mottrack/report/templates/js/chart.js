@@ -41,7 +41,9 @@ function lineChart({ title, unit, xLabel, xEnd, yEnd, series, read }) {
   drawing.append(svg("line", { class: "axis", x1: LEFT, x2: WIDTH - RIGHT, y1: y(0), y2: y(0) }));
   drawing.append(svg("text", { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 4, "text-anchor": "middle" }, xLabel));
   for (const one of series) {
-    const inside = one.points.map(([a, b]) => `${x(Math.min(a, xEnd)).toFixed(1)},${y(Math.min(Math.max(b, 0), yEnd)).toFixed(1)}`);
+    const points = one.points.filter(([a]) => a <= xEnd);
+    if (points.length < one.points.length) points.push([xEnd, valueAt(one.points, xEnd)]);
+    const inside = points.map(([a, b]) => `${x(a).toFixed(1)},${y(Math.min(Math.max(b, 0), yEnd)).toFixed(1)}`);
     drawing.append(svg("polyline", { class: "curve", points: inside.join(" "), stroke: one.colour, "stroke-dasharray": one.dashed ? "5 4" : "none" }));
   }
   figure.append(drawing);

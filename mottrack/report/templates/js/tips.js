@@ -12,10 +12,10 @@ function startTips() {
     const above = box.bottom + tip.offsetHeight + 10 > innerHeight;
     tip.style.top = `${(above ? box.top - tip.offsetHeight - 6 : box.bottom + 6) + scrollY}px`;
   };
-  const hide = () => { tip.hidden = true; };
+  const hide = (event) => { if (event.type === "keydown" || event.target.closest?.("[data-tip]")) tip.hidden = true; };
   for (const name of ["mouseover", "focusin"]) document.addEventListener(name, show);
   for (const name of ["mouseout", "focusout"]) document.addEventListener(name, hide);
-  document.addEventListener("keydown", (event) => { if (event.key === "Escape") hide(); });
+  document.addEventListener("keydown", (event) => { if (event.key === "Escape") hide(event); });
 }
 
 // The section that is on screen, marked in the bar at the top.
