@@ -60,7 +60,8 @@ def _table(model: type[BaseModel], prefix: str) -> str:
 def _shipped() -> str:
     folder = shipped_folder()
     lines = []
-    for file in sorted(folder.rglob("*.yaml")):
+    of_groups = [file for group in TABLES for file in (folder / group).glob("*.yaml")]
+    for file in sorted([*folder.glob("*.yaml"), *of_groups]):
         name = str(file.relative_to(folder).with_suffix(""))
         said = [line[2:] for line in file.read_text("utf-8").splitlines() if line.startswith("# ")]
         lines.append((code(name.replace("/", "=")), said[0] if said else ""))
