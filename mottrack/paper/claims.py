@@ -49,9 +49,14 @@ class Claim:
     @property
     def text(self) -> str:
         """The claim in a sentence."""
-        than = "without velocities" if self.rival == NONE else f"of {LABELS[self.rival]}"
+        rival = "no velocities" if self.rival == NONE else LABELS[self.rival]
         word = "lower" if self.lower else "higher"
-        return f"{LABELS[self.subject]}: {self.heading} {word} than {than}"
+        return f"{self.heading}: {LABELS[self.subject]} {word} than {rival}"
+
+    @property
+    def praises(self) -> bool:
+        """Whether it says that PillarFlow is the better one; the paper's tables concede some."""
+        return self.subject == PILLARFLOW and self.lower == self.key.lower_is_better
 
 
 @dataclass(frozen=True)
@@ -131,7 +136,7 @@ _UNKNOWN_OBJECTS = Claim(
     table="V-D",
     source="Section V-D and Figure 5 (a thrown ball), in words",
     study="velocity",
-    heading="velocity error of movers that no detector knows",
+    heading="movers that no detector knows, mean velocity error",
     key=FigureKey("velocity", OTHER, "mean", "m/s"),
     subject=PILLARFLOW,
     rival=NONE,

@@ -23,6 +23,7 @@ from mottrack.viz.flow_comparison import flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 
 TRUTH = "ground_truth"
+TITLES = {NONE: "Without velocities", PILLARFLOW: "With PillarFlow"}
 SCENES_SHOWN = 2
 DPI = 130
 
@@ -80,18 +81,19 @@ def _qualitative(study: StudyResult) -> Drawn:
 
 
 def _integration(study: StudyResult) -> Drawn:
-    scenes = _scenes(study, PILLARFLOW)
-    if not scenes:
+    objects = {s: len(_last_snapshot(study, NONE, s).objects) for s in _scenes(study, NONE)}
+    if not objects:
         return None
+    scene = max(objects, key=lambda name: objects[name])
     panels = []
     for variant in (NONE, PILLARFLOW):
-        result = study.folders[variant].load(scenes[0])
-        shots = load_snapshots(study.folders[variant].snapshots_file(scenes[0]))
-        panels.append(_panel(LABELS[variant], result, shots[-1]))
+        result = study.folders[variant].load(scene)
+        panels.append(_panel(TITLES[variant], result, _last_snapshot(study, variant, scene)))
     caption = (
         "Figure 4, tracker integration. Clusters and the fixed-lag smoother without velocities "
-        f"and with PillarFlow's, scene {scenes[0]}, last frame: green lines are the flow of cells, "
-        "red ones the velocities of tracks. What stands still should have no red line."
+        f"and with PillarFlow's at the last frame of scene {scene}, the one with most clusters: "
+        "green lines are the flow of cells, red ones the velocities of tracks, each the way of one "
+        "second. What stands still should have no red line."
     )
     return draw_integration(panels), caption
 

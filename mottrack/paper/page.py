@@ -31,28 +31,52 @@ SOURCE = "PillarFlow: End-to-end Birds-eye-view Flow Estimation for Autonomous D
 
 
 @dataclass(frozen=True)
+class Section:
+    """One table and the claims drawn from it."""
+
+    shown: TextTable
+    numbers: TextTable
+    """The same with one line a cell."""
+    findings: list[Finding]
+
+
+@dataclass(frozen=True)
 class Chapter:
     """What is to say about one data set."""
 
     dataset: str
     title: str
-    tables: list[TextTable]
-    numbers: list[TextTable]
-    """The same with one line a cell."""
+    sections: list[Section]
     findings: list[Finding]
     beyond: TextTable
 
     @property
+    def in_words(self) -> list[Finding]:
+        """The claims that the paper makes without a table."""
+        return [finding for finding in self.findings if finding.claim.published is None]
+
+    @property
     def counts(self) -> dict[str, int]:
         """Verdict to how many claims have it."""
-        found = Counter(finding.verdict for finding in self.findings)
-        return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+        return _counts(self.findings)
 
     @property
     def summary(self) -> str:
-        """The counts in a line."""
-        parts = [f"{count} {verdict}" for verdict, count in self.counts.items()]
-        return f"{len(self.findings)} claims: {', '.join(parts)}"
+        """The counts in two sentences."""
+        praise = [finding for finding in self.findings if finding.claim.praises]
+        return (
+            f"{len(self.findings)} claims: {_listed(self.counts)}. Of these {len(praise)} say that "
+            f"PillarFlow is better: {_listed(_counts(praise))}"
+        )
+
+
+def _counts(findings: Sequence[Finding]) -> dict[str, int]:
+    found = Counter(finding.verdict for finding in findings)
+    return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+
+
+def _listed(counts: dict[str, int]) -> str:
+    return ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
 
 
 def write_paper(results: Results, request: Request) -> Iterator[str]:
@@ -111,22 +135,25 @@ def _processor() -> str:
 def _chapter(results: Results, name: str, title: str) -> Chapter:
     pairs = [(table, results.find(name, table.study)) for table in TABLES]
     known = [(table, study) for table, study in pairs if study is not None]
-    return Chapter(
-        dataset=name,
-        title=title,
-        tables=[paper_table(table, study) for table, study in known],
-        numbers=[number_table(table, study) for table, study in known],
-        findings=results.findings(name),
-        beyond=beyond_table([t for t, _ in known], [s for _, s in known]),
-    )
+    findings = results.findings(name)
+    sections = [
+        Section(
+            paper_table(table, study),
+            number_table(table, study),
+            [f for f in findings if f.claim.table == table.number],
+        )
+        for table, study in known
+    ]
+    beyond = beyond_table([t for t, _ in known], [s for _, s in known])
+    return Chapter(name, title, sections, findings, beyond)
 
 
 def _write_tables(chapter: Chapter, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     claims = claim_table(chapter.findings, chapter.dataset)
-    for table in (*chapter.tables, claims):
+    for table in (*(section.shown for section in chapter.sections), claims):
         write_text(folder / f"{table.name}.tex", to_latex(table))
-    for table in (*chapter.numbers, claims):
+    for table in (*(section.numbers for section in chapter.sections), claims):
         write_text(folder / f"{table.name}.csv", to_csv(table))
     write_text(folder / f"{chapter.beyond.name}_{chapter.dataset}.csv", to_csv(chapter.beyond))
 
@@ -166,7 +193,7 @@ def _markdown(content: dict[str, Any]) -> str:
         parts.append("A quick run: few and short scenes, wide intervals.")
     for chapter in content["chapters"]:
         parts.append(f"## {chapter.title}\n\n{chapter.summary}. {METHOD}.")
-        parts += [to_markdown(table) for table in chapter.tables]
+        parts += [to_markdown(section.shown) for section in chapter.sections]
         parts.append(to_markdown(claim_table(chapter.findings, chapter.dataset)))
         if chapter.beyond.rows:
             parts.append(to_markdown(chapter.beyond))

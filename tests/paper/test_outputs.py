@@ -1,0 +1,114 @@
+"""The plan composes; the page, the tables and claims.json come out whole, whatever was measured."""
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mottrack.core import ConfigError
+from mottrack.eval.nuscenes.bootstrap import draw
+from mottrack.eval.paired import Ratio, sample
+from mottrack.paper.page import write_paper
+from mottrack.paper.plan import STUDIES, Request, Study, _spread, studies
+from mottrack.paper.published import TABLES
+from mottrack.paper.results import Results, StudyResult, claim_folder
+from mottrack.pipeline.differences import Sampling
+
+SCENES = 5
+
+
+class Outline(HTMLParser):
+    """Whether every element is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        if tag not in {"meta", "img", "br"}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def results() -> Results:
+    """As if every run had measured what the paper prints, but for those of Table II."""
+    rng = np.random.default_rng(3)
+    weights = draw(SCENES, 100)
+    figures: dict[str, dict] = {}
+    for table in TABLES:
+        if table.number == "II":
+            continue
+        for variant, values in table.values.items():
+            for (_, key), value in zip(table.figures, values, strict=True):
+                level = (value or 1.0) * (1 + 1e-4 * rng.normal(size=SCENES))
+                of_study = figures.setdefault(table.study, {}).setdefault(variant, {})
+                of_study[key] = sample(Ratio(level, np.ones(SCENES)), weights)
+    scenes = tuple(f"s{k}" for k in range(SCENES))
+    return Results(
+        tuple(
+            StudyResult(Study(name, "world", "<World>", ()), Sampling(scenes, runs), {}, {})
+            for name, runs in figures.items()
+        )
+    )
+
+
+def test_everything_is_written_and_holds_together(tmp_path: Path) -> None:
+    lines = list(write_paper(results(), Request(tmp_path, quick=True)))
+    text = (tmp_path / "paper.html").read_text()
+    assert Outline(text).open == []
+    assert not re.search(r"(src|href)=\"(?!data:|#)", text)
+    assert "&lt;World&gt;" in text
+    stored = json.loads((tmp_path / "claims.json").read_text())
+    counts, listed = stored["counts"]["world"], stored["claims"]
+    assert sum(counts.values()) == len(listed) == text.count('<td class="verdict')
+    assert counts["reproduced"] >= 50
+    of_table_two = {claim["verdict"] for claim in listed if "Table II," in claim["source"]}
+    assert of_table_two <= {"not measured"}
+    assert "mottrack train train_spynet" in text
+    names = {path.name for path in (tmp_path / "tables").iterdir()}
+    for table in TABLES:
+        for suffix in ("csv", "tex"):
+            assert f"table_{table.number}_world.{suffix}" in names
+    assert (tmp_path / "paper.md").read_text().count("**Table ") == len(TABLES)
+    assert "reproduced" in lines[0]
+
+
+def test_the_plan_composes_and_no_run_uses_a_seed_of_training(tmp_path: Path) -> None:
+    for quick in (False, True):
+        found = studies(Request(tmp_path, quick))
+        assert [study.name for study in found] == [*STUDIES, "ball", "runtime"]
+        for study in found:
+            titles = [run.variant for run in study.runs]
+            assert len(set(titles)) == len(titles) > 1
+            seeds = {run.dataset.config.seed for run in study.runs}
+            assert not seeds & {1, 900_001, 4242, 77_000}
+        for table in TABLES:
+            runs = {r.variant for s in found if s.name == table.study for r in s.runs}
+            assert table.number == "II" or runs >= set(table.variants)
+
+
+def test_a_recorded_data_set_enters_the_same_studies(shared_data: Path, tmp_path: Path) -> None:
+    request = Request(tmp_path, True, {"kitti": shared_data / "kitti_tracking"})
+    found = [study for study in studies(request) if study.dataset == "kitti"]
+    assert [study.name for study in found] == list(STUDIES)
+    assert all(len(run.settings.scenes) <= 2 for study in found for run in study.runs)
+
+
+def test_scenes_are_spread_evenly() -> None:
+    names = [f"{k:02d}" for k in range(21)]
+    assert _spread(names, 3) == ("00", "10", "20")
+    assert _spread(names[:2], 3) == ("00", "01")
+
+
+def test_results_of_other_weights_are_refused(tmp_path: Path) -> None:
+    claim_folder(tmp_path)
+    claim_folder(tmp_path)
+    (tmp_path / "weights.json").write_text('{"base": "other"}')
+    with pytest.raises(ConfigError, match="other weights"):
+        claim_folder(tmp_path)
