@@ -83,7 +83,8 @@ def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker
             "decay_per_s": config.life.decay_per_s ** (1 / factor),
         }
     )
-    velocity = config.velocity.model_copy(update={"floor_mps": config.velocity.floor_mps / factor})
+    speeds = {n: getattr(config.velocity, n) / factor for n in ("floor_mps", "gross_mps")}
+    velocity = config.velocity.model_copy(update=speeds)
     noise = config.noise.model_copy(update={"classes": classes})
     return config.model_copy(update={"noise": noise, "life": life, "velocity": velocity})
 

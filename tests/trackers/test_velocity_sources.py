@@ -6,6 +6,7 @@ import pytest
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects
+from mottrack.core.pose import Pose
 from mottrack.trackers import KalmanTracker
 
 
@@ -54,7 +55,7 @@ def test_two_radars_see_what_one_cannot() -> None:
 
 @pytest.mark.parametrize("engine", ["block", "dense", "filterpy"])
 def test_doppler_moves_a_track_along_the_beam_alone(engine: str) -> None:
-    tracker = KalmanTracker(KalmanTracker.Config(engine=engine))
+    tracker = KalmanTracker(KalmanTracker.Config(engine=engine, velocity={"relative": 0.0}))
     doppler = VelocityMeasurement.along(np.array([[1.0, 0.0]]), np.array([10.0]), np.array([0.04]))
     tracks = tracker.step(0, parked_or_passing(doppler))
     assert tracks.velocity_mps[0, 0] == pytest.approx(10.0, abs=0.2)
@@ -73,3 +74,32 @@ def test_a_missing_velocity_is_as_none_at_all() -> None:
         )
         np.testing.assert_array_equal(a.state, b.state)
         np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+@pytest.mark.parametrize("preset", ["default", "pillarflow"])
+def test_a_car_measured_to_stand_still_is_not_stopped(preset: str) -> None:
+    ids, lost = set(), []
+    for measured in (0.0, 9.0):
+        tracker = KalmanTracker(KalmanTracker.Config(preset=preset))
+        for k in range(4):
+            speed = np.array([[measured if k == 0 else 9.0, 0.0]])
+            velocity = VelocityMeasurement(speed, 0.1 * np.eye(2)[None], np.ones(1, bool))
+            objects = parked_or_passing(velocity, k * 5 * 10**8)
+            moved = Pose.from_yaw(0.0, (4.5 * k, 0.0, 0.0))
+            tracks = tracker.step(objects.stamp_ns, objects.transformed(moved, "world"))
+        ids |= set(tracks.id.tolist())
+        lost.append(tracks.velocity_mps[0, 0])
+    assert ids == {1}
+    np.testing.assert_allclose(lost, 9.0, atol=1.5)
+
+
+def test_a_velocity_out_of_this_world_is_left_alone() -> None:
+    tracker, plain = KalmanTracker(), KalmanTracker()
+    for k in range(3):
+        absurd = VelocityMeasurement(np.full((1, 2), 500.0), np.eye(2)[None], np.ones(1, bool))
+        objects = parked_or_passing(absurd, k * 10**8)
+        a = tracker.step(k * 10**8, objects)
+        b = plain.step(k * 10**8, objects.with_velocity(None))
+        if k > 0:
+            np.testing.assert_array_equal(a.id, b.id)
+    assert np.hypot(*a.velocity_mps[0]) < 100.0

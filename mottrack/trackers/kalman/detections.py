@@ -18,7 +18,7 @@ from mottrack.trackers.kalman.noise_model import (
     position_covariance,
 )
 from mottrack.trackers.kalman.noise_table import NoiseTable
-from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
+from mottrack.trackers.kalman.velocity_belief import SMALLEST, density, failure_density
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -38,9 +38,10 @@ class Detections:
     """(N, 2) in the tracker's unit of time; 0 where not measured."""
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
-    stray_surprise: F64
-    """(N,) -2 ln p of the velocity (but for a constant) of an object that no track expects;
-    0 where not measured."""
+    no_news: F64
+    """(N,) density of such a velocity, times its probability, where the source failed."""
+    stray: F64
+    """(N,) density of the velocity of an object that no track expects, failures included."""
     surprise_limit: F64
     """(N,) -2 ln lambda: a pair that surprises more is less likely than a stray; else infinite."""
     moving: NDArray[np.bool_]
@@ -124,18 +125,19 @@ def _pack(
     yaw = wrap_angle(objects.yaw_rad[rows])
     mean, covariance, moving = _velocity(objects, rows, config)
     velocity, velocity_covariance = mean * unit_s, covariance * unit_s**2
-    surprise = np.zeros(len(rows))
+    no_news = stray = np.zeros(len(rows))
     if moving.any():
+        no_news = failure_density(velocity, velocity_covariance, config.velocity, unit_s)
         unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
-        surprise = quadratic_2x2(inverse_2x2(unexpected), velocity)
-        surprise += np.log(determinant_2x2(unexpected))
+        stray = np.maximum(no_news + density(velocity, unexpected), SMALLEST)
     return Detections(
         box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
         position=position_covariance(noise, yaw),
         axial=np.ascontiguousarray(noise.observation[:, 2:]),
         velocity=velocity,
         velocity_covariance=velocity_covariance,
-        stray_surprise=surprise,
+        no_news=no_news,
+        stray=stray,
         surprise_limit=limit,
         moving=moving,
         label=label,
@@ -166,4 +168,7 @@ def _velocity(
         covariance = np.broadcast_to(np.array([[xx, xy], [xy, yy]]), covariance.shape)
     else:
         covariance = covariance + settings.floor_mps**2 * np.eye(2)
-    return measured.mean_mps[rows], covariance, measured.valid[rows]
+    mean = measured.mean_mps[rows]
+    if settings.relative > 0:
+        covariance = covariance + settings.relative**2 * mean[:, :, None] * mean[:, None, :]
+    return mean, covariance, measured.valid[rows]

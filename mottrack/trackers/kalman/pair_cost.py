@@ -60,29 +60,36 @@ def mahalanobis_cost(
     where the density of strays is known, the surprise -2 ln p(x, y | track): a wide track does not
     take what a sharp one explains better, and a pair less likely than a stray is none.
     """
-    limit = (config.velocity_limit or np.inf) if config.velocity else 0.0
-    how = (*COMPARED[config.components], limit**2)
-    squared, spread = pair_terms(pairs, _observed(seen), _expected(tracks), how)
+    how = (*COMPARED[config.components], _velocity_limit(config))
+    squared, surprise = pair_terms(pairs, _observed(seen), _expected(tracks), how)
     distance = np.sqrt(squared)
     if config.float32:
         distance = distance.astype(np.float32).astype(np.float64)
     if config.stray_per_m2 is None:
         return distance, distance
-    surprise = squared + spread
     unlikely = surprise > seen.surprise_limit[pairs[0]]
     return np.where(unlikely, np.inf, distance), surprise
 
 
+def _velocity_limit(config: AssociationConfig) -> float:
+    """What a velocity adds to d^2 at most; below 0 it is left alone altogether."""
+    if not config.velocity:
+        return -1.0
+    if config.stray_per_m2 is not None:
+        return 0.0
+    return (config.velocity_limit or np.inf) ** 2
+
+
 def innovation_squared(seen: Detections, tracks: Predicted, pairs: Pairs) -> F64:
     """NIS of the box, (P,): r' S^-1 r over all seven numbers, for the test of consistency."""
-    how = (*COMPARED["box"], 0.0)
+    how = (*COMPARED["box"], -1.0)
     squared: F64 = pair_terms(pairs, _observed(seen), _expected(tracks), how)[0]
     return squared
 
 
 def _observed(seen: Detections) -> Observed:
     box = (seen.box, seen.position, seen.axial)
-    return (*box, seen.velocity, seen.velocity_covariance, seen.moving, seen.stray_surprise)
+    return (*box, seen.velocity, seen.velocity_covariance, seen.moving, seen.no_news, seen.stray)
 
 
 def _expected(tracks: Predicted) -> Expected:

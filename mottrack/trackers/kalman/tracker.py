@@ -10,7 +10,6 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.book import TrackBook, newborn
-from mottrack.trackers.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
@@ -19,7 +18,7 @@ from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
-from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
+from mottrack.trackers.kalman.velocity_belief import density
 from mottrack.trackers.lifecycle import Life, record_hits
 
 F64 = NDArray[np.float64]
@@ -43,7 +42,6 @@ class KalmanTracker:
         self._bank = make_bank(self.config)
         self._book = TrackBook.empty()
         self._life = Life(self.config.life)
-        self._hulls = CarriedHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
         self.nis: F64 = np.empty(0)
@@ -68,7 +66,6 @@ class KalmanTracker:
         record_hits(self._book, rows, seen.score[columns], seen.source[columns], stamp_ns)
         self._bear(others(len(seen), columns), seen, stamp_ns)
         tracks = self._put_out(self._life.shown(self._book, seen.label, stamp_ns), stamp_ns, unit_s)
-        tracks = self._hulls.on(tracks, self._book, objects)
         self._bury(self._life.alive(self._book, stamp_ns))
         return tracks
 
@@ -123,13 +120,10 @@ class KalmanTracker:
             self._correct_velocity(rows[believed], columns[believed], seen)
 
     def _believable(self, rows: I64, columns: I64, seen: Detections) -> NDArray[np.bool_]:
-        """Velocities within the gate of their tracks, (n,)."""
-        limit = self.config.velocity.gate
-        if limit is None:
-            return np.ones(len(rows), bool)
+        """Velocities that are likelier their tracks' than a failure of the source, (n,)."""
         spread = self._bank.planar_covariance()[rows, 2:, 2:] + seen.velocity_covariance[columns]
         residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
-        return np.asarray(quadratic_2x2(inverse_2x2(spread), residual) <= limit**2)
+        return np.asarray(density(residual, spread) >= seen.no_news[columns])
 
     def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
         residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
@@ -163,6 +157,7 @@ class KalmanTracker:
         model = self.config.motion.index(self._table.labels)[new.label]
         self._bank.append(mean, noise.initial[:, :size], covariance, model)
         weighed = np.flatnonzero(new.moving & ~taken)
+        weighed = weighed[self._believable(first + weighed, weighed, new)]
         self._correct_velocity(first + weighed, weighed, new)
         book = newborn(self._next_id, new.label, new.score, stamp_ns)
         book.source[:] = new.source

@@ -1,0 +1,42 @@
+"""How far a measured velocity is to be believed.
+
+A flow source errs in three ways. Its error has the covariance R_d; or it did not see the motion
+and reports an object at rest; or it reports something else's velocity. The density of a velocity v
+that a track expects as N(d, P) is
+
+    sound N(v; d, P + R_d) + lost N(v; 0, R_d) + gross N(v; 0, G + R_d),
+
+with shares that sum to one. Where the first term is the smaller part of it, the velocity is no
+news of the object: a parked car loses nothing by that, and a moving one is not stopped. Only ratios
+count, so densities are taken over the sound share here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.trackers.kalman.config import VelocityConfig
+from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
+
+F64 = NDArray[np.float64]
+SMALLEST = 1e-200
+"""What no term explains is a failure, not a rounding to 0."""
+
+
+def density(residual: F64, covariance: F64) -> F64:
+    """Normal density (n,) of residuals (n, 2) with covariances (n, 2, 2)."""
+    squared = quadratic_2x2(inverse_2x2(covariance), residual)
+    return np.asarray(np.exp(-0.5 * squared) / (2 * np.pi * np.sqrt(determinant_2x2(covariance))))
+
+
+def failure_density(velocity: F64, covariance: F64, config: VelocityConfig, unit_s: float) -> F64:
+    """The second and the third term for velocities (n, 2) with R_d (n, 2, 2), over sound, (n,)."""
+    result = np.zeros(len(velocity))
+    if config.lost_share > 0:
+        result += config.lost_share * density(velocity, covariance)
+    if config.gross_share > 0:
+        spread = covariance + (config.gross_mps * unit_s) ** 2 * np.eye(2)
+        result += config.gross_share * density(velocity, spread)
+    sound_share = 1.0 - config.lost_share - config.gross_share
+    return np.maximum(result / sound_share, SMALLEST if sound_share < 1.0 else 0.0)
