@@ -142,7 +142,7 @@ def _boxes(
         "label": np.unique(boxes.label, return_inverse=True)[1].astype(np.uint16),
     }
     if not isinstance(boxes, ObjectTable):
-        arrays["id"] = boxes.id.astype(np.int32)
+        arrays["id"] = boxes.id.astype(np.float64)  # whole numbers up to 2^53
     return {f"{name}_{column}": values for column, values in arrays.items()}
 
 

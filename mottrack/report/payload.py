@@ -17,7 +17,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-TYPES = {"|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<f4"}
+TYPES = {"|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<f8"}
 """What a browser has typed arrays for."""
 LEVEL = 9
 ALIGNMENT = 8

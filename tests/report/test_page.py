@@ -4,6 +4,9 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
+
+from mottrack.core import ConfigError
 from mottrack.pipeline.comparison import Comparison
 from mottrack.pipeline.stored_comparison import load_comparison
 from mottrack.report.page import write_report
@@ -77,6 +80,11 @@ def test_too_few_scenes_for_an_interval_are_said_to_be_too_few(
     text = path.read_text()
     assert "Against zero: too few scenes to tell a difference from chance." in text
     assert ">too few scenes</td>" in text
+
+
+def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="holds no finished scene"):
+        load_comparison(tmp_path)
 
 
 def test_scenes_that_do_not_fit_are_listed(comparison: Comparison, tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 // Reads what payload.py packed, and hands out one key frame after the other.
-const ARRAYS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f4: Float32Array };
+const ARRAYS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f8: Float64Array };
 const UNMEASURED = -32768;
 
 async function unpack(text) {

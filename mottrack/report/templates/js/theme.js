@@ -13,6 +13,9 @@ const theme = {
     wish.addEventListener("change", () => {
       if (!recall("mottrack-theme")) this.set(wish.matches ? "dark" : "light");
     });
+    let onScreen = null; // paper is white
+    addEventListener("beforeprint", () => { onScreen = document.documentElement.dataset.theme; this.set("light"); });
+    addEventListener("afterprint", () => this.set(onScreen));
     document.getElementById("theme").addEventListener("click", () => {
       this.set(this.dark ? "light" : "dark");
       remember("mottrack-theme", this.dark ? "dark" : "light");
