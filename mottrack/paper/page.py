@@ -49,6 +49,8 @@ class Chapter:
     sections: list[Section]
     findings: list[Finding]
     beyond: TextTable
+    left_out: dict[str, str]
+    """Scenes that could not take part, and why."""
 
     @property
     def in_words(self) -> list[Finding]:
@@ -122,7 +124,8 @@ def machine() -> str:
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     device = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no GPU"
-    return f"{_processor()}, {cores} cores, {device}; flow in one thread"
+    load = f"; load {os.getloadavg()[0]:.1f} at the end" if hasattr(os, "getloadavg") else ""
+    return f"{_processor()}, {cores} cores, {device}; flow in one thread{load}"
 
 
 def _processor() -> str:
@@ -145,7 +148,8 @@ def _chapter(results: Results, name: str, title: str) -> Chapter:
         for table, study in known
     ]
     beyond = beyond_table([t for t, _ in known], [s for _, s in known])
-    return Chapter(name, title, sections, findings, beyond)
+    left_out = {s: why for _, study in known for s, why in study.study.left_out.items()}
+    return Chapter(name, title, sections, findings, beyond, left_out)
 
 
 def _write_tables(chapter: Chapter, folder: Path) -> None:

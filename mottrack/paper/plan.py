@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from mottrack.config import StrictModel
-from mottrack.core.errors import ConfigError
+from mottrack.core.errors import ConfigError, DataError
 from mottrack.flow.pillarflow.weights_file import SHIPPED
 from mottrack.pipeline.configs import shipped_folder
 from mottrack.pipeline.experiment import Experiment, compose
@@ -65,6 +65,8 @@ class Study:
     title: str
     """Of the data set."""
     runs: tuple[Experiment, ...]
+    left_out: dict[str, str] = field(default_factory=dict)
+    """Scenes that can't take part, and why."""
 
     @property
     def folder(self) -> Path:
@@ -123,7 +125,9 @@ def _recorded(name: str, root: Path, plan: Plan, request: Request) -> list[Study
     overrides = list(recorded.quick) if request.quick else []
     limit = recorded.quick_scenes if request.quick else recorded.scenes
     has_boxes = name == "kitti" or detections is not None
-    made = []
+    made: list[Study] = []
+    usable: tuple[str, ...] = ()
+    left_out: dict[str, str] = {}
     for study in STUDIES if has_boxes else ("flow", "velocity"):
         path = folder_of_configs() / f"{study}.yaml"
         tree = {**read_yaml(path), "dataset": dataset}
@@ -132,9 +136,34 @@ def _recorded(name: str, root: Path, plan: Plan, request: Request) -> list[Study
         runs = compose(tree, overrides, path)
         if study == "flow":
             runs += _ablations(tree, overrides, request.ablation)
-        chosen = _spread(scene_names(runs[0]), limit)
-        made.append(Study(study, name, recorded.title, tuple(_only(run, chosen) for run in runs)))
+        if not made:
+            usable, left_out = usable_scenes(runs[0])
+        chosen = tuple(_only(run, _spread(usable, limit)) for run in runs)
+        made.append(Study(study, name, recorded.title, chosen, left_out))
     return made
+
+
+def usable_scenes(run: Experiment) -> tuple[tuple[str, ...], dict[str, str]]:
+    """The scenes of a data set that have frames to pair, and why the others have not.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    dataset = run.dataset.make()
+    usable, left_out = [], {}
+    for name in scene_names(run):
+        try:
+            frames = len(dataset.scene(name))
+        except DataError as error:
+            left_out[name] = str(error)
+            continue
+        if frames > 1:
+            usable.append(name)
+        else:
+            left_out[name] = f"{frames} frame: no pair of sweeps"
+    if not usable:
+        raise ConfigError(f"no scene can be used: {next(iter(left_out.values()), 'there is none')}")
+    return tuple(usable), left_out
 
 
 def _ablations(

@@ -94,10 +94,16 @@ def test_the_plan_composes_and_no_run_uses_a_seed_of_training(tmp_path: Path) ->
 
 
 def test_a_recorded_data_set_enters_the_same_studies(shared_data: Path, tmp_path: Path) -> None:
-    request = Request(tmp_path, True, {"kitti": shared_data / "kitti_tracking"})
-    found = [study for study in studies(request) if study.dataset == "kitti"]
-    assert [study.name for study in found] == list(STUDIES)
-    assert all(len(run.settings.scenes) <= 2 for study in found for run in study.runs)
+    request = Request(tmp_path, True, {"argoverse2": shared_data / "argoverse2"})
+    found = [study for study in studies(request) if study.dataset == "argoverse2"]
+    assert [study.name for study in found] == ["flow", "velocity"]  # nobody detected anything
+    for study in found:
+        assert {run.settings.scenes for run in study.runs} == {("pandaset-002",)}
+        assert not any(run.flow.kind == "icp" for run in study.runs)
+        assert len(study.left_out) == 1  # a log without sweeps is said to be one
+    nothing = Request(tmp_path, True, {"kitti": shared_data / "kitti_tracking"})
+    with pytest.raises(ConfigError, match="no scene can be used"):
+        studies(nothing)
 
 
 def test_scenes_are_spread_evenly() -> None:
