@@ -15,6 +15,8 @@ from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import Sweep
 
 VOXEL_M = (0.25, 0.25, 0.5)
+VOXELS = 2**15
+"""In each direction of each axis: 8 km, beyond which all is one."""
 OCCUPIED_SHARE = 0.7
 """Share of the points that is meant for what stands on the ground."""
 
@@ -60,7 +62,9 @@ def thinned(xyz_m: NDArray[np.float32], field: FlowField | None, limit: int) -> 
     One point of a voxel stays; of those, so many as are wanted in equal steps through space. Most
     are taken from occupied cells, so that the road does not hide what stands on it.
     """
-    _, first = np.unique(np.floor(xyz_m / VOXEL_M).astype(np.int32), axis=0, return_index=True)
+    voxel = np.clip(np.floor(xyz_m / VOXEL_M), -VOXELS, VOXELS - 1).astype(np.int64) + VOXELS
+    key = (voxel[:, 0] * 2 * VOXELS + voxel[:, 1]) * 2 * VOXELS + voxel[:, 2]
+    _, first = np.unique(key, return_index=True)
     standing = np.zeros(len(first), np.bool_)
     if field is not None:
         row, column, inside = field.grid.cells(xyz_m[first])
