@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -58,16 +58,26 @@ def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:
 
 
 def _write_gif(path: Path, pictures: Iterable[Picture], period_s: float) -> int:
-    """One palette for all pictures, from the first, the middle and the last: colours stay put."""
+    """One palette for all pictures, so that colours stay put from one to the next."""
     images = [Image.fromarray(picture) for picture in pictures]
-    sample = np.concatenate([np.asarray(images[k]) for k in (0, len(images) // 2, -1)])
-    palette = Image.fromarray(sample).quantize(GIF_COLOURS, dither=Image.Dither.NONE)
+    palette = _palette([np.asarray(images[k]) for k in (0, len(images) // 2, -1)])
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     duration_ms = round(1000 * period_s)
     frames[0].save(
         path, save_all=True, append_images=frames[1:], duration=duration_ms, loop=0, optimize=False
     )
     return len(frames)
+
+
+def _palette(pictures: Sequence[Picture]) -> Image.Image:
+    """Of these pictures' colours, each counted by the root of its number of pixels.
+
+    By their full number, the greys of a background would leave nothing to small bright things.
+    """
+    pixels = np.concatenate([picture.reshape(-1, 3) for picture in pictures])
+    colours, number = np.unique(pixels, axis=0, return_counts=True)
+    sample = np.repeat(colours, np.ceil(np.sqrt(number)).astype(np.int64), axis=0)
+    return Image.fromarray(sample[None]).quantize(GIF_COLOURS, dither=Image.Dither.NONE)
 
 
 def _write_mp4(path: Path, pictures: Iterable[Picture], period_s: float) -> int:

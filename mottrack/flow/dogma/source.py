@@ -24,6 +24,8 @@ from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 from mottrack.flow.kept_points import GroundStage
 
+REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
+
 
 class ContinuityConfig(StrictModel):
     """What still counts as the same scene."""
@@ -146,11 +148,11 @@ class DogmaFlow:
         if elapsed_s <= 0:
             return InputError("stamp_ns", sweep.stamp_ns, f"> {last.stamp_ns}, the last sweep's")
         if elapsed_s > continuity.longest_gap_s:
-            expected = f"<= {continuity.longest_gap_s} s (call reset() between scenes)"
+            expected = f"<= {continuity.longest_gap_s} s ({REMEDY})"
             return InputError("time since the last sweep", f"{elapsed_s:.3f} s", expected)
         moved_m = sweep.world_T_ego.translation_m - last.world_T_ego.translation_m
         speed_mps = float(np.linalg.norm(moved_m)) / elapsed_s
         if speed_mps > continuity.fastest_ego_mps:
-            expected = f"<= {continuity.fastest_ego_mps} m/s (call reset() between scenes)"
+            expected = f"<= {continuity.fastest_ego_mps} m/s ({REMEDY})"
             return InputError("speed of the ego vehicle", f"{speed_mps:.1f} m/s", expected)
         return None
