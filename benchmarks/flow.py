@@ -22,6 +22,7 @@ import torch
 from _common import arguments, report
 
 from mottrack.core.grid import BevGrid
+from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.flow.pillarflow.export import INPUTS, export_onnx
 from mottrack.flow.pillarflow.inference.engine import CpuEngine
@@ -81,7 +82,7 @@ def onnx_task(
 def measure(name: str, threads: int, points: int, runs: int) -> dict[str, object]:
     use_threads(threads)
     torch.manual_seed(0)
-    weights = Weights(PillarFlowNet(preset(name)).eval(), 1.0, True)
+    weights = Weights(PillarFlowNet(preset(name)).eval(), Calibration(), True)
     engine, shape = CpuEngine(weights), weights.network.config
     cells = network_cells(BevGrid(), shape.cell_m, shape.multiple)
     sweeps = [sweep(points, seed) for seed in (0, 1)]

@@ -1,4 +1,4 @@
-"""``mottrack train``, ``mottrack examples`` and ``mottrack export``."""
+"""``mottrack train``, ``mottrack examples``, ``mottrack calibrate`` and ``mottrack export``."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ def register(app: typer.Typer) -> None:
     """Adds the commands of this module."""
     app.command("train")(train)
     app.command("examples")(examples)
+    app.command("calibrate")(calibrate)
     app.command("export")(export)
 
 
@@ -74,6 +75,25 @@ def export(
     cells = network_cells(BevGrid(), shape.cell_m, shape.multiple)
     worst_m = export_onnx(loaded, out, cells)
     typer.echo(f"{out}: onnxruntime differs by at most {worst_m:.2g} m")
+
+
+def calibrate(
+    weights: Annotated[Path, typer.Argument(help="weights file; its calibration is replaced")],
+    *,
+    pairs: Annotated[int, typer.Option("--pairs", min=2, help="held-out pairs")] = 60,
+) -> None:
+    """Fit the covariance of trained weights to their errors on held-out pairs."""
+    from mottrack.cli.work_bar import WorkBar
+    from mottrack.pipeline.calibration import calibrate_weights
+
+    with WorkBar("pairs", pairs) as bar:
+        found = calibrate_weights(weights, pairs, bar.shards)
+    fit = found.calibration
+    typer.echo(f"scale {fit.scale:.4g}  sigma {fit.sigma_m:.3g} m  half {fit.half_m:.3g} m")
+    typer.echo(f"{'':20} before   after")
+    before, after = found.before.as_dict(), found.after.as_dict()
+    for name, value in after.items():
+        typer.echo(f"{name:20} {before[name]:6.3f}  {value:6.3f}")
 
 
 def _read(config: str, overrides: list[str]) -> TrainConfig:

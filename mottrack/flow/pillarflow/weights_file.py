@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from mottrack.core.errors import DataError
+from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.network import PillarFlowNet
 
@@ -25,8 +27,8 @@ class Weights:
 
     network: PillarFlowNet
     """In evaluation mode."""
-    covariance_scale: float
-    """Factor on the covariance of the uncertainty head (calibrated on held-out examples)."""
+    calibration: Calibration
+    """Of its covariance, on held-out examples."""
     ground_removed: bool
     """Whether it was trained on sweeps without ground."""
 
@@ -47,7 +49,9 @@ def save_weights(file: Path, weights: Weights) -> None:
     header = {
         "format": FORMAT,
         "network": weights.network.config.model_dump_json(),
-        "covariance_scale": repr(weights.covariance_scale),
+        "covariance_scale": repr(weights.calibration.scale),
+        "claim_sigma_m": repr(weights.calibration.sigma_m),
+        "claim_half_m": repr(weights.calibration.half_m),
         "ground_removed": json.dumps(weights.ground_removed),
     }
     state = {k: v.detach().cpu().contiguous() for k, v in weights.network.state_dict().items()}
@@ -67,12 +71,24 @@ def load_weights(file: Path) -> Weights:
                 raise DataError(file, "format", header.get("format"), FORMAT)
             state = {name: handle.get_tensor(name) for name in handle.keys()}  # noqa: SIM118
         config = NetworkConfig.model_validate_json(header["network"])
-        scale = float(header["covariance_scale"])
+        calibration = _calibration(header)
         ground_removed = bool(json.loads(header["ground_removed"]))
     except (SafetensorError, OSError, KeyError, ValueError, ValidationError) as error:
         told = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DataError(file, "content", told, "weights written by mottrack") from error
-    return Weights(_filled(file, config, state), scale, ground_removed)
+    return Weights(_filled(file, config, state), calibration, ground_removed)
+
+
+def _calibration(header: dict[str, str]) -> Calibration:
+    """Files from before the error of a claim was fitted have none."""
+    numbers = [
+        float(header["covariance_scale"]),
+        float(header.get("claim_sigma_m", 0.0)),
+        float(header.get("claim_half_m", 0.1)),
+    ]
+    if not all(math.isfinite(number) and number >= 0 for number in numbers):
+        raise ValueError(f"calibration {numbers} is not finite and positive")
+    return Calibration(*numbers)
 
 
 def _filled(file: Path, config: NetworkConfig, state: dict[str, torch.Tensor]) -> PillarFlowNet:

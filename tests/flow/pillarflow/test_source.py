@@ -16,6 +16,7 @@ from mottrack.core.interfaces import FlowSource
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
+from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.descriptors import CellGrid, describe
 from mottrack.flow.pillarflow.export import export_onnx
@@ -46,7 +47,7 @@ def _weights(config: NetworkConfig = TINY, seed: int = 0) -> Weights:
             torch.nn.init.uniform_(module.running_var, 0.5, 1.5)
         if isinstance(module, torch.nn.Conv2d) and module.out_channels == 2:
             torch.nn.init.normal_(module.weight, std=0.05)
-    return Weights(network.eval(), 1.3, True)
+    return Weights(network.eval(), Calibration(1.3), True)
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ class CudaEngine:
     def __init__(self, weights: Weights) -> None:
         """Move the folded network to the GPU in half precision."""
         config = weights.network.config
-        self.stride, self.scale = config.output_stride, weights.covariance_scale
+        self.stride, self.calibration = config.output_stride, weights.calibration
         self.encoder = weights.network.encoder.cuda().eval()
         self.flow = channels_last(folded(weights.network.flow).cuda())
         self.graphs: dict[tuple[int, ...], _Captured] = {}
@@ -37,7 +37,7 @@ class CudaEngine:
         shape = tuple(images[0].shape)
         if shape not in self.graphs:
             self.graphs[shape] = _Captured(self.flow, inputs)
-        return as_motion(self.graphs[shape].replay(inputs), self.stride, self.scale)
+        return as_motion(self.graphs[shape].replay(inputs), self.stride, self.calibration)
 
 
 class _Captured:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.flow.pillarflow.inference.fold import folded, folded_linear
 from mottrack.flow.pillarflow.inference.pillars import binary_image, pillar_image
@@ -48,7 +49,7 @@ class CpuEngine:
         """Fold once; `half` runs the convolutions in bfloat16 (matching stays in float32)."""
         self.half = half
         config = weights.network.config
-        self.stride, self.scale = config.output_stride, weights.covariance_scale
+        self.stride, self.calibration = config.output_stride, weights.calibration
         flow = folded(weights.network.flow)
         self.flow = channels_last(flow)
         encoder = weights.network.encoder
@@ -78,7 +79,7 @@ class CpuEngine:
         """Pseudo-images (1,C,H,W), channels last -> motion."""
         with torch.autocast("cpu", torch.bfloat16, enabled=self.half):
             estimate = self.flow(current, previous, seen)
-        return as_motion(estimate, self.stride, self.scale)
+        return as_motion(estimate, self.stride, self.calibration)
 
 
 def has_bf16_units() -> bool:
@@ -87,19 +88,19 @@ def has_bf16_units() -> bool:
     return bool(capabilities.get("amx_bf16") or capabilities.get("avx512_bf16"))
 
 
-def as_motion(estimate: Estimate, stride: int, covariance_scale: float) -> Motion:
+def as_motion(estimate: Estimate, stride: int, calibration: Calibration) -> Motion:
     """The first row of a batch as arrays."""
     motion = estimate.motions[-1][0].permute(1, 2, 0).float().cpu().numpy()
     factor = estimate.factor[0].permute(1, 2, 0).float().cpu().numpy()
-    return Motion(np.ascontiguousarray(motion), covariance_of(factor, covariance_scale), stride)
+    covariance_m2 = calibration.covariance_m2(covariance_of(factor), motion)
+    return Motion(np.ascontiguousarray(motion), covariance_m2, stride)
 
 
-def covariance_of(factor: Floats, scale: float) -> Floats:
-    """L L^T (...,2,2) from (log L_xx, L_yx, log L_yy) (...,3), times `scale`."""
+def covariance_of(factor: Floats) -> Floats:
+    """L L^T (...,2,2) from (log L_xx, L_yx, log L_yy) (...,3)."""
     xx, yx, yy = np.exp(factor[..., 0]), factor[..., 1], np.exp(factor[..., 2])
     rows = ((xx * xx, xx * yx), (xx * yx, yx * yx + yy * yy))
-    stacked = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-    return (scale * stacked).astype(np.float32)
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2).astype(np.float32)
 
 
 def _batched(image: Floats) -> torch.Tensor:

@@ -6,13 +6,14 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from mottrack.flow.pillarflow.calibration import fit_calibration
 from mottrack.flow.pillarflow.training.checkpoint import Progress
 from mottrack.flow.pillarflow.training.config import TrainConfig
 from mottrack.flow.pillarflow.training.curve import write_curve
 from mottrack.flow.pillarflow.training.example import Example
 from mottrack.flow.pillarflow.training.parallel import join, leave
 from mottrack.flow.pillarflow.training.trainer import Report, Trainer
-from mottrack.flow.pillarflow.training.validation import Scores, calibration
+from mottrack.flow.pillarflow.training.validation import Scores
 from mottrack.flow.pillarflow.weights_file import Weights, save_weights
 
 
@@ -38,9 +39,9 @@ def run(
 def finish(trainer: Trainer, progress: Progress, held_out: Sequence[Example], out: Path) -> Scores:
     """Calibrate on the first half of the held-out examples, score on the second, write."""
     half = len(held_out) // 2
-    scale = calibration(trainer.validate(held_out[:half] if half else held_out))
-    scores = trainer.validate(held_out[half:]).scores(scale)
-    weights = Weights(trainer.averaged().eval(), scale, trainer.config.examples.ground)
+    fitted = fit_calibration(trainer.validate(held_out[:half] if half else held_out).residuals)
+    scores = trainer.validate(held_out[half:]).scores(fitted)
+    weights = Weights(trainer.averaged().eval(), fitted, trainer.config.examples.ground)
     save_weights(out / "weights.safetensors", weights)
     progress.history.append({"step": float(progress.step), **scores.as_dict()})
     trainer.save()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
@@ -10,16 +9,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from mottrack.flow.pillarflow.calibration import Calibration, Residuals, inside
 from mottrack.flow.pillarflow.descriptors import CellGrid
+from mottrack.flow.pillarflow.inference.engine import covariance_of
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.training.batches import collate
 from mottrack.flow.pillarflow.training.crop import CropConfig, whole
 from mottrack.flow.pillarflow.training.example import Example
-from mottrack.flow.pillarflow.training.losses import whitened
 from mottrack.flow.pillarflow.training.targets import pooled_target
 
 MOVING_MPS = 0.5
-INSIDE_2_SIGMA = 1.0 - math.exp(-2.0)
 
 
 @dataclass(frozen=True)
@@ -54,11 +53,12 @@ class CellErrors:
     """(N,) length of the error."""
     speed_mps: NDArray[np.float32]
     """(N,) true speed."""
-    mahalanobis2: NDArray[np.float32]
-    """(N,) squared error in units of the head's scale."""
+    residuals: Residuals
+    """The same in metres over the interval, with what the network said."""
 
-    def scores(self, covariance_scale: float = 1.0) -> Scores:
-        """Summarise; `covariance_scale` multiplies the head's covariance."""
+    def scores(self, calibration: Calibration | None = None) -> Scores:
+        """Summarise, with the covariance calibrated."""
+        one, two = inside(self.residuals.mahalanobis2(calibration or Calibration()))
         moving = self.speed_mps > MOVING_MPS
         dynamic, static = self.error_mps[moving], self.error_mps[~moving]
         return Scores(
@@ -67,8 +67,8 @@ class CellErrors:
             within_1_mps=_share(dynamic < 1.0),
             static_rmse=_rms(static),
             static_over_1_mps=_share(static > 1.0),
-            inside_1_sigma=_share(self.mahalanobis2 < covariance_scale),
-            inside_2_sigma=_share(self.mahalanobis2 < 4.0 * covariance_scale),
+            inside_1_sigma=one,
+            inside_2_sigma=two,
         )
 
 
@@ -87,23 +87,18 @@ def cell_errors(
         truth, mask = pooled_target(batch.target.motion_m, batch.target.mask, stride)
         away = (estimate.motions[-1] - truth).norm(dim=1) / batch.target.elapsed_s
         speed = truth.norm(dim=1) / batch.target.elapsed_s
-        square = whitened(estimate, truth).square().sum(1)
-        rows.append(torch.stack((away, speed, square), 0)[:, mask[:, 0]].cpu().numpy())
+        motion = estimate.motions[-1]
+        columns = torch.cat((away[:, None], speed[:, None], motion, truth, estimate.factor), 1)
+        rows.append(columns.permute(0, 2, 3, 1)[mask[:, 0]].cpu().numpy())
     network.train()
-    joined = np.concatenate(rows, axis=1)
-    return CellErrors(joined[0], joined[1], joined[2])
+    return _gathered(np.concatenate(rows))
 
 
-def calibration(errors: CellErrors) -> float:
-    """Factor on the head's covariance that puts 86.5 % of all errors inside two sigma.
-
-    That is the share of a normal error in two dimensions. Errors of flow have heavier tails, so one
-    factor cannot serve both contours: with this one the outer contour is right, which is where a
-    tracker gates, and more than 39 % of the errors lie inside one sigma.
-    """
-    if not len(errors.mahalanobis2):
-        return 1.0
-    return max(float(np.quantile(errors.mahalanobis2, INSIDE_2_SIGMA)) / 4.0, 1e-6)
+def _gathered(cells: NDArray[np.float32]) -> CellErrors:
+    """From rows (N,9): error and speed in m/s, claimed and true motion, the head's factor."""
+    motion_m, truth_m = cells[:, 2:4], cells[:, 4:6]
+    residuals = Residuals(motion_m - truth_m, motion_m, covariance_of(cells[:, 6:]))
+    return CellErrors(cells[:, 0], cells[:, 1], residuals)
 
 
 def _rms(values: NDArray[np.float32]) -> float:
