@@ -37,6 +37,9 @@ class RobustConfig(StrictModel):
     velocity_gate: float = Field(
         3.0, ge=0, description="sigmas from the displacement that cost a velocity its weight; 0: no"
     )
+    creep_mps: float = Field(
+        1.0, ge=0, description="speed at which a visible part may slide along a standing object"
+    )
     acceleration_mps2: float = Field(2.0, ge=0, description="what a straight line leaves out")
     slide: float = Field(
         1.5, ge=1, description="factor on the sigma of positions, whose errors last over frames"
@@ -44,8 +47,10 @@ class RobustConfig(StrictModel):
 
     def huber(self) -> Huber:
         """The same numbers for the engines."""
-        own = self.model_dump(exclude={"velocity_gate", "acceleration_mps2", "slide"})
-        return Huber(**own, witness=Witness(self.velocity_gate, self.acceleration_mps2, self.slide))
+        judge = ("acceleration_mps2", "slide", "creep_mps")
+        witness = Witness(self.velocity_gate, **{name: getattr(self, name) for name in judge})
+        own = self.model_dump(exclude={"velocity_gate", *judge})
+        return Huber(**own, witness=witness)
 
 
 class MeasurementConfig(StrictModel):

@@ -236,15 +236,15 @@ def _stacked(parts: list[Objects]) -> Objects:
 def merged(pairs: Overlaps, config: MergeSplitConfig) -> list[tuple[int, I64]]:
     """Objects that each swallowed at least two tracks, with the rows of those tracks."""
     covering = pairs.of_track >= config.inside_share
-    found = []
-    for row, tracks in _groups(pairs.object[covering], pairs.track[covering]):
-        areas = pairs.track_area_m2[tracks]
-        whole = pairs.object_area_m2[row]
-        # tracks on top of each other are duplicates of one object, not neighbours
-        apart = areas.sum() <= 1.2 * whole
-        if apart and whole > config.growth * areas.max():
-            found.append((row, tracks))
-    return found
+    row, track = pairs.object[covering], pairs.track[covering]
+    whole, areas = pairs.object_area_m2, pairs.track_area_m2[track]
+    largest = np.zeros(len(whole))
+    np.maximum.at(largest, row, areas)
+    # tracks on top of each other are duplicates of one object, not neighbours
+    apart = np.bincount(row, areas, len(whole)) <= 1.2 * whole
+    several = np.bincount(row, minlength=len(whole)) > 1
+    swallowed = several & apart & (whole > config.growth * largest)
+    return [(k, track[row == k]) for k in np.flatnonzero(swallowed).tolist()]
 
 
 def parents(pairs: Overlaps, born: I64, share: float) -> dict[int, int]:

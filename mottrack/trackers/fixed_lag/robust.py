@@ -20,6 +20,9 @@ from mottrack.trackers.fixed_lag.store import I64
 from mottrack.trackers.fixed_lag.witness import Witness
 from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
 
+_SETTLED = 0.05
+"""Smaller changes of a weight are not worth solving a window again."""
+
 
 @dataclass(frozen=True)
 class Huber:
@@ -54,7 +57,7 @@ class Huber:
             if len(window.slots) == 0:
                 break
             fresh, old = self._window_weights(engine, window), engine.weight(window)
-            moved = (np.abs(fresh - old).max(axis=2) > 1e-3) & window.open
+            moved = (np.abs(fresh - old).max(axis=2) > _SETTLED) & window.open
             moving = moved.any(axis=1)
             window = window.select(moving)
             engine.reweigh(window, fresh[moving], moved[moving].argmax(axis=1))
@@ -67,7 +70,7 @@ class Huber:
         excess = worst / self.flag
         if self.witness.gate > 0:
             distance = self.witness.distance(engine.history(window))
-            blamed = self.witness.weights(distance) < engine.weight(window)[:, :, 1] - 1e-3
+            blamed = self.witness.weights(distance) < engine.weight(window)[:, :, 1] - _SETTLED
             far = np.where(blamed & window.open, distance, 0.0).max(axis=1)
             excess = np.maximum(excess, far / self.witness.gate)
         ranked = np.lexsort((slots, -excess))

@@ -31,6 +31,8 @@ class Witness:
     """Standard deviation of the acceleration that the straight line leaves out."""
     slide: float = 1.5
     """Factor on the standard deviation of positions: their errors last over frames as well."""
+    creep_mps: float = 1.0
+    """Speed at which a visible part may slide along an object that stands."""
 
     def weights(self, distance: F64) -> F64:
         """1 within the gate and next to nothing beyond: errors that last are not averaged out."""
@@ -49,7 +51,8 @@ class Witness:
         )
         # the line's middle and its end differ by half a window of acceleration
         bend = self.acceleration_mps2 * history.age_s.max(axis=1, initial=0.0) / 2
-        covariance = self.slide**2 * covariance + (bend**2)[:, None, None] * np.eye(2)
+        own = (bend**2 + self.creep_mps**2)[:, None, None] * np.eye(2)
+        covariance = self.slide**2 * covariance + own
         off = history.velocity_mps - mean_mps[:, None]
         spread = history.velocity_covariance_m2ps2 + covariance[:, None]
         squared = quadratic_2x2(inverse_2x2(spread.reshape(-1, 2, 2)), off.reshape(-1, 2))
