@@ -47,7 +47,7 @@ def rows(model: type[BaseModel], prefix: str = "", at: BaseModel | None = None) 
 
 def _row(key: str, field: FieldInfo, default: Any) -> Row:
     bounds = [
-        f"{sign} {getattr(constraint, name):g}"
+        f"{sign}&nbsp;{getattr(constraint, name):g}"
         for constraint in field.metadata
         for name, sign in BOUNDS.items()
         if getattr(constraint, name, None) is not None
