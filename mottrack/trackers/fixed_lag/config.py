@@ -35,7 +35,7 @@ class RobustConfig(StrictModel):
     max_windows: int = Field(15, ge=0, description="windows solved again per frame")
 
     velocity_gate: float = Field(
-        3.0, ge=0, description="sigmas from the displacement that cost a velocity its weight; 0: no"
+        0.0, ge=0, description="sigmas from the displacement that cost a velocity its weight; 0: no"
     )
     creep_mps: float = Field(
         1.0, ge=0, description="speed at which a visible part may slide along a standing object"

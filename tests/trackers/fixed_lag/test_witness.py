@@ -12,6 +12,7 @@ from mottrack.trackers.fixed_lag.witness import displacement_velocity
 from .conftest import MakeObjects
 
 CAR = (4.0, 2.0)
+JUDGED = FixedLagConfig(robust=RobustConfig(velocity_gate=3.0))
 
 
 def stamp(k: int) -> int:
@@ -49,8 +50,7 @@ def test_one_node_says_nothing_of_the_velocity() -> None:
 def test_a_flow_that_misses_a_motion_loses_its_weight(
     clusters: MakeObjects, speed_mps: float
 ) -> None:
-    without = FixedLagConfig(robust=RobustConfig(velocity_gate=0))
-    judged, trusting = FixedLagTracker(), FixedLagTracker(without)
+    judged, trusting = FixedLagTracker(JUDGED), FixedLagTracker()
     for k in range(12):
         seen = clusters(stamp(k), [(0.1 * speed_mps * k, 0, *CAR)], [(0, 0)])
         ours, theirs = judged.step(stamp(k), seen), trusting.step(stamp(k), seen)
@@ -61,7 +61,7 @@ def test_a_flow_that_misses_a_motion_loses_its_weight(
 
 
 def test_a_cluster_that_jitters_is_not_set_in_motion(clusters: MakeObjects) -> None:
-    rng, tracker = np.random.default_rng(1), FixedLagTracker()
+    rng, tracker = np.random.default_rng(1), FixedLagTracker(JUDGED)
     for k in range(30):
         at = 0.1 * rng.normal(size=2)  # as its covariance says
         tracks = tracker.step(stamp(k), clusters(stamp(k), [(*at, *CAR)], [(0, 0)]))
