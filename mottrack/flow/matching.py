@@ -27,7 +27,7 @@ _PRIOR_POINTS = 0.3
 _FASTEST_M = 4.0
 _LEAST_VARIANCE_M2 = 0.01**2
 """No range measurement is better than a centimetre."""
-_FINE = 2
+_FINE = 1
 """Times more points for the finer search."""
 _WORTH_POLISHING = 0.9
 """Cost of the best start over the cost of rest, at most, for a finer search."""
@@ -303,7 +303,7 @@ def _polish(
     centre_x, centre_y, radius_m = _middle(points_m)
     turn = 0.0
     turns = len(points_m) >= _TURN_POINTS and radius_m > _TURN_RADIUS_M
-    step = 0.08
+    step = 0.04
     while step > 0.012:
         improved = False
         for axis in range(3 if turns else 2):
