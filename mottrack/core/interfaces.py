@@ -15,7 +15,10 @@ from mottrack.core.sweep import Sweep
 
 @runtime_checkable
 class FlowSource(Protocol):
-    """Measures the velocity of every cell from two sweeps."""
+    """Measures the velocity of every cell from two sweeps.
+
+    An attribute ``faults`` (a `VelocityFaults`) may say how it errs beside its covariance.
+    """
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
         """The field at ``current``; each sweep is in its own ego frame.

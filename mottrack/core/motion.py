@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from mottrack.core.checks import (
     require_finite,
 )
 from mottrack.core.errors import InputError
+from mottrack.core.faults import SOUND, VelocityFaults
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import rotation_2d
 
@@ -98,6 +100,8 @@ class VelocityMeasurement:
     """(N, 2, 2) covariance of its error."""
     valid: NDArray[np.bool_]
     """(N,) whether the object has a measured velocity."""
+    faults: VelocityFaults = SOUND
+    """How the source errs beside the covariance."""
 
     def __post_init__(self) -> None:
         valid = as_array("valid", self.valid, np.bool_, (None,))
@@ -151,13 +155,19 @@ class VelocityMeasurement:
     def select(self, index: NDArray[Any]) -> VelocityMeasurement:
         """The rows that a boolean mask or an integer index picks."""
         return VelocityMeasurement(
-            self.mean_mps[index], self.covariance_m2ps2[index], self.valid[index]
+            self.mean_mps[index], self.covariance_m2ps2[index], self.valid[index], self.faults
         )
+
+    def with_faults(self, faults: VelocityFaults) -> VelocityMeasurement:
+        """The same velocities from a source that errs as ``faults`` says."""
+        return replace(self, faults=faults)
 
     def rotated(self, yaw_rad: float) -> VelocityMeasurement:
         """The same velocities in axes turned by ``-yaw_rad``: v' = R v, C' = R C R^T."""
         r = rotation_2d(yaw_rad)
-        return VelocityMeasurement(self.mean_mps @ r.T, r @ self.covariance_m2ps2 @ r.T, self.valid)
+        return VelocityMeasurement(
+            self.mean_mps @ r.T, r @ self.covariance_m2ps2 @ r.T, self.valid, self.faults
+        )
 
 
 def fuse_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurement:
@@ -191,6 +201,7 @@ def _fuse_two(a: VelocityMeasurement, b: VelocityMeasurement) -> VelocityMeasure
         np.where(both[:, None], mean, single_mean),
         np.where(both[:, None, None], 0.5 * (covariance + covariance.swapaxes(1, 2)), single),
         a.valid | b.valid,
+        _each(min, [a, b]),
     )
 
 
@@ -206,4 +217,17 @@ def concatenate_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurem
         np.concatenate([p.mean_mps for p in parts]),
         np.concatenate([p.covariance_m2ps2 for p in parts]),
         np.concatenate([p.valid for p in parts]),
+        _each(max, parts),
+    )
+
+
+def _each(
+    choose: Callable[[Iterable[float]], float], parts: list[VelocityMeasurement]
+) -> VelocityFaults:
+    """Faults of several sources: `min` where they confirm each other, `max` where any may err."""
+    faults = [part.faults for part in parts]
+    return VelocityFaults(
+        choose(f.relative for f in faults),
+        choose(f.lost_share for f in faults),
+        choose(f.gross_share for f in faults),
     )

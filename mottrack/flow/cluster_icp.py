@@ -12,6 +12,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.faults import REGISTRATION_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
@@ -38,6 +39,7 @@ class ClusterIcpFlow:
     """Velocity of each connected component by registration from many starts."""
 
     Config = ClusterIcpConfig
+    faults = REGISTRATION_FAULTS
 
     def __init__(
         self, config: ClusterIcpConfig | None = None, *, grid: BevGrid | None = None

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.faults import SOUND
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -41,6 +42,7 @@ class GroundTruthFlow:
     """
 
     Config = GroundTruthConfig
+    faults = SOUND
 
     def __init__(
         self, config: GroundTruthConfig | None = None, *, grid: BevGrid | None = None

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.faults import REGISTRATION_FAULTS
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -76,6 +77,7 @@ class IcpFlow:
     """Velocity of each box's points by registration to the previous, ego-aligned sweep."""
 
     Config = IcpConfig
+    faults = REGISTRATION_FAULTS
 
     def __init__(self, config: IcpConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or IcpConfig()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.faults import SOUND
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
@@ -23,6 +24,7 @@ class ZeroFlow:
 
     Config = ZeroConfig
     needs_sweeps = False
+    faults = SOUND
 
     def __init__(self, config: ZeroConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or ZeroConfig()

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from mottrack.core.checks import as_stamp
 from mottrack.core.errors import InputError
+from mottrack.core.faults import FLOW_FAULTS, VelocityFaults
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import (
     FlowSource,
@@ -222,7 +223,14 @@ class Pipeline:
             return objects
         in_ego = objects.transformed(frame.world_T_ego.inverse(), "ego")
         measured = measure_velocity(field, in_ego, self._velocity)
+        measured = measured.with_faults(faults_of(self.flow))
         return objects.with_velocity(measured.rotated(frame.world_T_ego.yaw_rad))
+
+
+def faults_of(source: object) -> VelocityFaults:
+    """How a flow source errs beside its covariance; one that does not say is taken with care."""
+    faults = getattr(source, "faults", FLOW_FAULTS)
+    return faults if isinstance(faults, VelocityFaults) else FLOW_FAULTS
 
 
 def is_stateful(source: object) -> bool:

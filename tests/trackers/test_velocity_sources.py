@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from mottrack.core.errors import InputError
+from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.motion import VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects
 from mottrack.core.pose import Pose
@@ -55,7 +56,7 @@ def test_two_radars_see_what_one_cannot() -> None:
 
 @pytest.mark.parametrize("engine", ["block", "dense", "filterpy"])
 def test_doppler_moves_a_track_along_the_beam_alone(engine: str) -> None:
-    tracker = KalmanTracker(KalmanTracker.Config(engine=engine, velocity={"relative": 0.0}))
+    tracker = KalmanTracker(KalmanTracker.Config(engine=engine))
     doppler = VelocityMeasurement.along(np.array([[1.0, 0.0]]), np.array([10.0]), np.array([0.04]))
     tracks = tracker.step(0, parked_or_passing(doppler))
     assert tracks.velocity_mps[0, 0] == pytest.approx(10.0, abs=0.2)
@@ -83,7 +84,9 @@ def test_a_car_measured_to_stand_still_is_not_stopped(preset: str) -> None:
         tracker = KalmanTracker(KalmanTracker.Config(preset=preset))
         for k in range(4):
             speed = np.array([[measured if k == 0 else 9.0, 0.0]])
-            velocity = VelocityMeasurement(speed, 0.1 * np.eye(2)[None], np.ones(1, bool))
+            velocity = VelocityMeasurement(
+                speed, 0.1 * np.eye(2)[None], np.ones(1, bool), FLOW_FAULTS
+            )
             objects = parked_or_passing(velocity, k * 5 * 10**8)
             moved = Pose.from_yaw(0.0, (4.5 * k, 0.0, 0.0))
             tracks = tracker.step(objects.stamp_ns, objects.transformed(moved, "world"))
@@ -96,7 +99,8 @@ def test_a_car_measured_to_stand_still_is_not_stopped(preset: str) -> None:
 def test_a_velocity_out_of_this_world_is_left_alone() -> None:
     tracker, plain = KalmanTracker(), KalmanTracker()
     for k in range(3):
-        absurd = VelocityMeasurement(np.full((1, 2), 500.0), np.eye(2)[None], np.ones(1, bool))
+        speed = np.full((1, 2), 500.0)
+        absurd = VelocityMeasurement(speed, np.eye(2)[None], np.ones(1, bool), FLOW_FAULTS)
         objects = parked_or_passing(absurd, k * 10**8)
         a = tracker.step(k * 10**8, objects)
         b = plain.step(k * 10**8, objects.with_velocity(None))

@@ -61,20 +61,20 @@ class VelocityConfig(StrictModel):
         None, description="R_d as (xx, xy, yy) in (m/s)^2 for every measurement; none: its own"
     )
     floor_mps: float = Field(0.3, gt=0, description="standard deviation added in quadrature")
-    relative: float = Field(
-        0.0, ge=0, description="and along the velocity this share of it: some cells stood still"
+    relative: float | None = Field(
+        None, ge=0, description="and along the velocity this share of it; none: as its source says"
     )
-    lost_share: float = Field(
-        0.0, ge=0, lt=1, description="velocities measured as if the object stood still"
+    lost_share: float | None = Field(
+        None, ge=0, lt=1, description="measured as if at rest; none: as its source says"
     )
-    gross_share: float = Field(
-        0.0, ge=0, lt=1, description="velocities that are another's: no news of the object"
+    gross_share: float | None = Field(
+        None, ge=0, lt=1, description="another object's velocities; none: as their source says"
     )
-    gross_mps: float = Field(10.0, gt=0, description="spread of those about standing still")
+    gross_mps: float = Field(5.0, gt=0, description="spread of those about standing still")
 
     @model_validator(mode="after")
     def _some_are_sound(self) -> Self:
-        if self.lost_share + self.gross_share >= 1.0:
+        if (self.lost_share or 0.0) + (self.gross_share or 0.0) >= 1.0:
             raise ValueError("lost_share and gross_share leave no sound velocity")
         return self
 

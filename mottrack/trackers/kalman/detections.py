@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import InputError
+from mottrack.core.faults import SOUND, VelocityFaults
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig, NmsConfig
@@ -127,7 +128,8 @@ def _pack(
     velocity, velocity_covariance = mean * unit_s, covariance * unit_s**2
     no_news = stray = np.zeros(len(rows))
     if moving.any():
-        no_news = failure_density(velocity, velocity_covariance, config.velocity, unit_s)
+        gross = config.velocity.gross_mps * unit_s
+        no_news = failure_density(velocity, velocity_covariance, faults(objects, config), gross)
         unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
         stray = np.maximum(no_news + density(velocity, unexpected), SMALLEST)
     return Detections(
@@ -155,6 +157,13 @@ def _surprise_limit(config: AssociationConfig, labels: list[str]) -> F64:
     return np.asarray(-2.0 * np.log(np.array(density, np.float64)))
 
 
+def faults(objects: Objects, config: KalmanConfig) -> VelocityFaults:
+    """How the measured velocities err: as their source says, but for what the settings say."""
+    own = SOUND if objects.velocity is None else objects.velocity.faults
+    settings = config.velocity.model_dump(include={"relative", "lost_share", "gross_share"})
+    return replace(own, **{name: value for name, value in settings.items() if value is not None})
+
+
 def _velocity(
     objects: Objects, rows: I64, config: KalmanConfig
 ) -> tuple[F64, F64, NDArray[np.bool_]]:
@@ -169,6 +178,7 @@ def _velocity(
     else:
         covariance = covariance + settings.floor_mps**2 * np.eye(2)
     mean = measured.mean_mps[rows]
-    if settings.relative > 0:
-        covariance = covariance + settings.relative**2 * mean[:, :, None] * mean[:, None, :]
+    relative = faults(objects, config).relative
+    if relative > 0:
+        covariance = covariance + relative**2 * mean[:, :, None] * mean[:, None, :]
     return mean, covariance, measured.valid[rows]

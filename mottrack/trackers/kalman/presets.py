@@ -19,9 +19,6 @@ _PUBLISHED: dict[str, Any] = {
     },
 }
 
-_FLOW_ERRORS = {"relative": 0.45, "lost_share": 0.35, "gross_share": 0.1, "gross_mps": 5.0}
-"""How measured flow errs beside R_d (`velocity_belief`); zero suits a radar or the truth."""
-
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {
         "association": {
@@ -30,7 +27,6 @@ PRESETS: dict[str, dict[str, Any]] = {
             "stray_per_m2": 0.01,
             "strays_per_m2": dict.fromkeys(("car", "truck", "bus", "trailer"), 0.004),
         },
-        "velocity": _FLOW_ERRORS,
         "nms": {"enabled": True},
         "life": {
             "confirm_s": 0.25,
@@ -41,5 +37,5 @@ PRESETS: dict[str, dict[str, Any]] = {
         },
     },
     "stanford_iprl_tri": _PUBLISHED,
-    "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"} | _FLOW_ERRORS},
+    "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"}},
 }

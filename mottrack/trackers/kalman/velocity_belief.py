@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.trackers.kalman.config import VelocityConfig
+from mottrack.core.faults import VelocityFaults
 from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 
 F64 = NDArray[np.float64]
@@ -30,13 +30,16 @@ def density(residual: F64, covariance: F64) -> F64:
     return np.asarray(np.exp(-0.5 * squared) / (2 * np.pi * np.sqrt(determinant_2x2(covariance))))
 
 
-def failure_density(velocity: F64, covariance: F64, config: VelocityConfig, unit_s: float) -> F64:
-    """The second and the third term for velocities (n, 2) with R_d (n, 2, 2), over sound, (n,)."""
+def failure_density(velocity: F64, covariance: F64, faults: VelocityFaults, gross: float) -> F64:
+    """The second and the third term for velocities (n, 2) with R_d (n, 2, 2), over sound, (n,).
+
+    `gross` is the standard deviation of a gross velocity, in the unit of the velocities.
+    """
     result = np.zeros(len(velocity))
-    if config.lost_share > 0:
-        result += config.lost_share * density(velocity, covariance)
-    if config.gross_share > 0:
-        spread = covariance + (config.gross_mps * unit_s) ** 2 * np.eye(2)
-        result += config.gross_share * density(velocity, spread)
-    sound_share = 1.0 - config.lost_share - config.gross_share
+    if faults.lost_share > 0:
+        result += faults.lost_share * density(velocity, covariance)
+    if faults.gross_share > 0:
+        spread = covariance + gross**2 * np.eye(2)
+        result += faults.gross_share * density(velocity, spread)
+    sound_share = 1.0 - faults.lost_share - faults.gross_share
     return np.maximum(result / sound_share, SMALLEST if sound_share < 1.0 else 0.0)
