@@ -107,12 +107,16 @@ def _ball(study: StudyResult) -> Drawn:
         for v, folder in study.folders.items()
         if folder.scene_file(scenes[0]).exists()
     }
-    figure = draw_ball(results)
+    drawn = draw_ball(results)
+    if drawn is None:
+        return None
+    figure, label = drawn
     caption = (
-        "Figure 5, out-of-ontology object. A thrown ball of about 0.3 m, of which neither detector "
-        "nor training labels know, as the tracker sees it without and with measured velocities."
+        f"Figure 5, out-of-ontology object (the paper throws a ball). Here: {label}, of which "
+        "neither the detector nor the labels know, as the tracker sees it without and with "
+        "measured velocities."
     )
-    return None if figure is None else (figure, caption)
+    return figure, caption
 
 
 FIGURES: dict[str, tuple[str, Callable[[StudyResult], Drawn]]] = {
