@@ -110,7 +110,7 @@ def _estimate_class(pairs: Pairs, label: str) -> ClassEstimate | None:
         initial=observation + change.initial_rates(),
         process=change.process(),
         along_ratio=float(np.sqrt(along / across)),
-        across_ratio=change.across_ratio(),
+        across_ratio=change.across_ratio(observation[3]),
     )
     outliers = int((~good.all(axis=1)).sum())
     return ClassEstimate(noise, len(error), outliers, len(change.acceleration))
@@ -142,10 +142,13 @@ class _Changes:
         speed = float(max(square[0], square[1]))
         return (speed, speed, float(square[2]), float(square[3]))
 
-    def across_ratio(self) -> float:
-        """Spread of the velocity across the heading over that along it."""
+    def across_ratio(self, yaw_variance: float) -> float:
+        """Spread of the velocity across the heading over that along it.
+
+        A track is born with the detected heading: its error turns some of the speed across.
+        """
         square = np.maximum(np.mean(self.rate**2, axis=0), SMALLEST_VARIANCE)
-        return float(min(1.0, np.sqrt(square[1] / square[0])))
+        return float(min(1.0, np.sqrt(square[1] / square[0] + yaw_variance)))
 
     def process(self) -> tuple[float, ...]:
         """Q of box and rates per second."""
