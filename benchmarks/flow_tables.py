@@ -9,8 +9,9 @@ m/s and of the flow in metres (the paper's unit); a cell that a source did not m
 zero. Dynamic cells move faster than 0.5 m/s; `seen` are dynamic cells whose object was hit at
 least five times in both sweeps (others cannot be matched by anyone).
 
-`--ablation` names a folder with the runs of Table II: `mottrack train train_spynet --out
-FOLDER/spynet`, likewise `flownet` and `with_ground`; rows whose weights are absent are left out.
+Table II's rows are the shipped weights `pwc`, `spynet`, `flownet` and `with_ground`, trained alike;
+`--ablation` names a folder with runs of your own in their place (`mottrack train train_spynet --out
+FOLDER/spynet`, and so on).
 """
 
 from __future__ import annotations
@@ -51,16 +52,16 @@ def sources(ablation: Path | None) -> Sources:
         "binary_ogm+refined": BinaryOgmFlow,
         "pillarflow+refined": PillarFlow,
     }
-    for name in ("spynet", "flownet", "with_ground"):
+    for name in ("pwc", "spynet", "flownet", "with_ground"):
         file = (ablation or Path()) / name / "weights.safetensors"
-        if ablation is not None and file.exists():
-            table[name] = _ablation(file, ground=name != "with_ground")
+        weights = str(file) if ablation is not None and file.exists() else name
+        table[name] = _ablation(weights, ground=name != "with_ground")
     return table
 
 
-def _ablation(file: Path, *, ground: bool) -> Callable[[], FlowSource]:
+def _ablation(weights: str, *, ground: bool) -> Callable[[], FlowSource]:
     stages = StagesConfig(ground=GroundStage(enabled=ground))
-    config = PillarFlowConfig(weights=str(file), refined=False, stages=stages)
+    config = PillarFlowConfig(weights=weights, refined=False, stages=stages)
     return lambda: PillarFlow(config)
 
 
