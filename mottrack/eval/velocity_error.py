@@ -55,7 +55,13 @@ class VelocityErrorConfig(StrictModel):
     stationary_mps: float = Field(
         default=0.2, ge=0, description="speed up to which it stands still"
     )
-    vulnerable_classes: tuple[str, ...] = ("pedestrian", "bicycle", "cyclist")
+    vulnerable_classes: tuple[str, ...] = (
+        "pedestrian",
+        "bicycle",
+        "cyclist",
+        "bicyclist",
+        "wheeled_rider",
+    )
     coasting: bool = Field(default=False, description="count unobserved rows of tracks too")
 
 
