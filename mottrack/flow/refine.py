@@ -3,7 +3,8 @@
 The cells that a field says move fall into components of similar velocity. Each component's points
 are registered to the previous sweep, starting from the component's median velocity. It is
 withdrawn where rest explains the points as well, refined where its registration explains them
-clearly better, and left as it is where geometry cannot tell. This is done by component: cell by
+clearly better, left as it is where geometry cannot tell, and no longer valid where it is too few
+points to tell and rest would do. This is done by component: cell by
 cell, a car's side would be at rest, since it slides along itself.
 """
 
@@ -37,6 +38,9 @@ class RefineConfig(StrictModel):
     tie_m: float = Field(0.008, ge=0, description="costs this close are equal: rest is likelier")
     min_passed: int = Field(5, ge=1, description="points seen through before: not at rest")
     passed_share: float = Field(0.03, ge=0, description="and at least this share of the points")
+    doubt: float = Field(
+        0.3, ge=0, le=1, description="withdrawn motions that were real all the same, a share"
+    )
 
 
 class Refiner:
@@ -62,7 +66,9 @@ class Refiner:
         matches = matcher.match(labels, starts, min_points=self.config.min_points)
         claimed_m = matcher.costs(labels, start_m)
         refined, withdrawn = self._judge(matches, start_m, claimed_m)
-        return _applied(field, cells, _Outcome(matches, refined, withdrawn, prepared.elapsed_s))
+        few = withdrawn & (matches.points < self.config.min_points)
+        outcome = _Outcome(matches, refined, withdrawn & ~few, few, prepared.elapsed_s)
+        return _applied(field, cells, outcome, self.config.doubt)
 
     def _judge(
         self, matches: Matches, start_m: NDArray[np.float64], claimed_m: NDArray[np.float64]
@@ -93,6 +99,8 @@ class _Outcome:
     matches: Matches
     refined: NDArray[np.bool_]
     withdrawn: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]
+    """Rest explains them as well, but they are too few points to tell."""
     elapsed_s: float
 
 
@@ -108,17 +116,27 @@ def _medians(
     return np.array([np.median(part, axis=0) for part in parts], dtype=np.float64)
 
 
-def _applied(field: FlowField, cells: NDArray[np.int64], outcome: _Outcome) -> FlowField:
+def _applied(
+    field: FlowField, cells: NDArray[np.int64], outcome: _Outcome, doubt: float
+) -> FlowField:
+    """A withdrawn motion v was real with probability `doubt`: its covariance gains doubt v v^T."""
     rows, cols = np.nonzero(cells >= 0)
     owner = cells[rows, cols]
     take, drop = outcome.refined[owner], outcome.withdrawn[owner]
     velocity_mps = np.array(field.velocity_mps)
     covariance = np.array(field.covariance_m2ps2)
+    variance = ((outcome.matches.sigma_m / outcome.elapsed_s) ** 2)[:, None, None] * np.eye(2)
     place_m = field.grid.centres_m()[rows[take], cols[take]]
     shift_m = cell_displacements(outcome.matches, owner[take], place_m)
     velocity_mps[rows[take], cols[take]] = shift_m / outcome.elapsed_s
+    covariance[rows[take], cols[take]] = variance[owner[take]]
+    claimed = velocity_mps[rows[drop], cols[drop]]
+    covariance[rows[drop], cols[drop]] = (
+        variance[owner[drop]] + doubt * claimed[:, :, None] * claimed[:, None, :]
+    )
     velocity_mps[rows[drop], cols[drop]] = 0.0
-    variance = (outcome.matches.sigma_m / outcome.elapsed_s) ** 2
-    settled = take | drop
-    covariance[rows[settled], cols[settled]] = variance[owner[settled], None, None] * np.eye(2)
-    return replace(field, velocity_mps=velocity_mps, covariance_m2ps2=covariance)
+    lost = outcome.unknown[owner]
+    velocity_mps[rows[lost], cols[lost]] = 0.0
+    valid = field.valid.copy()
+    valid[rows[lost], cols[lost]] = False
+    return replace(field, velocity_mps=velocity_mps, covariance_m2ps2=covariance, valid=valid)
