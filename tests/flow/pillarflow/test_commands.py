@@ -1,4 +1,4 @@
-"""``mottrack train`` and ``mottrack export`` from end to end, at the smallest size."""
+"""``mottrack train``, ``calibrate`` and ``export`` from end to end, at the smallest size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ log_every: 1
 """
 
 
-def test_train_makes_examples_trains_resumes_and_exports(tmp_path: Path) -> None:
+def test_train_makes_examples_trains_and_resumes(tmp_path: Path) -> None:
     config = tmp_path / "tiny.yaml"
     config.write_text(TINY)
     out, examples = tmp_path / "run", tmp_path / "examples"
@@ -36,6 +36,20 @@ def test_train_makes_examples_trains_resumes_and_exports(tmp_path: Path) -> None
     curve = json.loads((out / "curve.json").read_text())
     assert [point["step"] for point in curve if "loss" in point] == [1.0, 2.0, 3.0]
     assert (out / "curve.png").exists()
+    weights = out / "weights.safetensors"
+    asked = ["calibrate", str(weights), "--pairs", "2"]
+    calibrated = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert "inside_2_sigma" in calibrated.output
+
+
+def test_export_says_how_near_onnxruntime_comes(tmp_path: Path) -> None:
+    file = tmp_path / "small.onnx"
+    asked = ["export", "small", "--out", str(file)]
+    exported = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert exported.exit_code == 0
+    worst_m = float(exported.output.split("at most ")[1].split()[0])
+    assert worst_m < 1e-3
+    assert file.stat().st_size > 500_000
 
 
 @pytest.mark.parametrize("override", ["network_name=base", "steps=0", "steps=1,2"])
