@@ -40,6 +40,7 @@ def what_the_reader_has() -> dict[str, Any]:
 
 def boxes(x_m: float) -> SimpleNamespace:
     return SimpleNamespace(
+        token=f"sample at {x_m} m",
         centre=np.array([[x_m, 0.0, 0.8]]),
         size=np.array([[4.5, 1.9, 1.6]]),
         yaw=np.zeros(1),
