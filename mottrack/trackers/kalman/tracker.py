@@ -10,6 +10,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.book import TrackBook, newborn
+from mottrack.trackers.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
@@ -42,6 +43,7 @@ class KalmanTracker:
         self._bank = make_bank(self.config)
         self._book = TrackBook.empty()
         self._life = Life(self.config.life)
+        self._hulls = CarriedHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
         self.nis: F64 = np.empty(0)
@@ -66,6 +68,7 @@ class KalmanTracker:
         record_hits(self._book, rows, seen.score[columns], seen.source[columns], stamp_ns)
         self._bear(others(len(seen), columns), seen, stamp_ns)
         tracks = self._put_out(self._life.shown(self._book, seen.label, stamp_ns), stamp_ns, unit_s)
+        tracks = self._hulls.on(tracks, self._book, objects)
         self._bury(self._life.alive(self._book, stamp_ns))
         return tracks
 
