@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -56,15 +57,14 @@ class World:
         birth = born & seen
         self.alive = (self.alive & ~dies) | birth
         rows = np.flatnonzero(seen)
-        noise = lambda low: low * np.eye(2) + np.zeros((len(rows), 2, 2))  # noqa: E731
         batch = NodeBatch(
             stamp_ns=self.stamp_ns,
             slot=rows,
             birth=birth[rows],
             position_m=self.state[rows, :2] + 0.2 * rng.normal(size=(len(rows), 2)),
-            position_covariance_m2=noise(0.04),
+            position_covariance_m2=np.tile(0.04 * np.eye(2), (len(rows), 1, 1)),
             velocity_mps=self.state[rows, 2:] + 0.3 * rng.normal(size=(len(rows), 2)),
-            velocity_covariance_m2ps2=noise(0.1),
+            velocity_covariance_m2ps2=np.tile(0.1 * np.eye(2), (len(rows), 1, 1)),
             has_velocity=rng.random(len(rows)) < 0.8,
             weight=np.ones((len(rows), 2)),
             innovation=np.zeros((len(rows), 2)),
@@ -142,8 +142,8 @@ def timed(work: Callable[[], object]) -> float:
 def resident_mb() -> float:
     if sys.platform != "linux":
         return float("nan")
-    with open("/proc/self/statm") as statm:  # noqa: PTH123
-        return int(statm.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def engine_times(

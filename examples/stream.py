@@ -12,6 +12,7 @@ from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 
 
 def main(overrides: list[str]) -> None:
+    """Feed one drive and print the tracks and the latency; overrides are `key=value`."""
     pipeline = Pipeline.from_config("demo", *(overrides or ["flow=icp"]), rate_hz=10)
     world = SyntheticDataset(SyntheticConfig(scenes=1, duration_s=2.0))
     drive = world.scene(world.scene_names[0])

@@ -35,6 +35,7 @@ def my_detections() -> Iterator[tuple[str, Objects]]:
 
 
 def main(path: str) -> None:
+    """Track them and write the submission to `path`."""
     tracker, results = KalmanTracker(), {}
     for token, objects in my_detections():
         tracks = tracker.step(objects.stamp_ns, objects)

@@ -133,6 +133,7 @@ def _recorded(name: str, root: Path, plan: Plan, request: Request) -> list[Study
         tree = {**read_yaml(path), "dataset": dataset}
         if not has_boxes:
             tree["flow"] = [flow for flow in tree["flow"] if flow not in NEEDS_DETECTIONS]
+            tree["objects"] = "clusters"  # flow is scored on cells; what is tracked does not matter
         runs = compose(tree, overrides, path)
         if study == "flow":
             runs += _ablations(tree, overrides, request.ablation)

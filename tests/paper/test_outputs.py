@@ -103,6 +103,7 @@ def test_a_recorded_data_set_enters_the_same_studies(shared_data: Path, tmp_path
     for study in found:
         assert {run.settings.scenes for run in study.runs} == {("pandaset-002",)}
         assert not any(run.flow.kind == "icp" for run in study.runs)
+        assert {run.objects.kind for run in study.runs} == {"clusters"}
         assert len(study.left_out) == 1  # a log without sweeps is said to be one
     nothing = Request(tmp_path, True, {"kitti": shared_data / "kitti_tracking"})
     with pytest.raises(ConfigError, match="no scene can be used"):

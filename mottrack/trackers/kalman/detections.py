@@ -124,12 +124,13 @@ def _pack(
 ) -> Detections:
     (noise, label, limit), (config, unit_s) = known, how
     yaw = wrap_angle(objects.yaw_rad[rows])
-    mean, covariance, moving = _velocity(objects, rows, config)
+    faults = faults_of(objects, config)
+    mean, covariance, moving = _velocity(objects, rows, config, faults.relative)
     velocity, velocity_covariance = mean * unit_s, covariance * unit_s**2
     no_news = stray = np.zeros(len(rows))
     if moving.any():
         gross = config.velocity.gross_mps * unit_s
-        no_news = failure_density(velocity, velocity_covariance, faults(objects, config), gross)
+        no_news = failure_density(velocity, velocity_covariance, faults, gross)
         unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
         stray = np.maximum(no_news + density(velocity, unexpected), SMALLEST)
     return Detections(
@@ -157,7 +158,7 @@ def _surprise_limit(config: AssociationConfig, labels: list[str]) -> F64:
     return np.asarray(-2.0 * np.log(np.array(density, np.float64)))
 
 
-def faults(objects: Objects, config: KalmanConfig) -> VelocityFaults:
+def faults_of(objects: Objects, config: KalmanConfig) -> VelocityFaults:
     """How the measured velocities err: as their source says, but for what the settings say."""
     own = SOUND if objects.velocity is None else objects.velocity.faults
     settings = config.velocity.model_dump(include={"relative", "lost_share", "gross_share"})
@@ -165,7 +166,7 @@ def faults(objects: Objects, config: KalmanConfig) -> VelocityFaults:
 
 
 def _velocity(
-    objects: Objects, rows: I64, config: KalmanConfig
+    objects: Objects, rows: I64, config: KalmanConfig, relative: float
 ) -> tuple[F64, F64, NDArray[np.bool_]]:
     settings, measured = config.velocity, objects.velocity
     if not settings.use or measured is None:
@@ -178,7 +179,6 @@ def _velocity(
     else:
         covariance = covariance + settings.floor_mps**2 * np.eye(2)
     mean = measured.mean_mps[rows]
-    relative = faults(objects, config).relative
     if relative > 0:
         covariance = covariance + relative**2 * mean[:, :, None] * mean[:, None, :]
     return mean, covariance, measured.valid[rows]
