@@ -48,13 +48,24 @@ class Crop:
 
 def crop_centre(example: Example, config: CropConfig, rng: Generator) -> Floats:
     """A point (x, y) near a mover or near anything."""
-    moving = np.linalg.norm(example.motion_m, axis=1) > config.moving_mps * example.elapsed_s
-    wanted = np.flatnonzero(moving) if rng.random() < config.on_movers else np.zeros(0, int)
-    rows = wanted if len(wanted) else np.arange(len(example.current))
+    rows = np.arange(len(example.current))
+    if rng.random() < config.on_movers:
+        rows = _mover(example, config, rng, rows)
     jitter = rng.uniform(-config.jitter_m, config.jitter_m, 2)
     if not len(rows):
         return jitter.astype(np.float32)
     return (example.current[rng.choice(rows), :2] + jitter).astype(np.float32)
+
+
+def _mover(
+    example: Example, config: CropConfig, rng: Generator, otherwise: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Points of one moving object; each is as likely as any other, however few points it has."""
+    moving = np.linalg.norm(example.motion_m, axis=1) > config.moving_mps * example.elapsed_s
+    if not moving.any():
+        return otherwise
+    chosen = rng.choice(np.unique(example.current_object[moving]))
+    return np.flatnonzero(moving & (example.current_object == chosen))
 
 
 def turn(rng: Generator) -> Floats:

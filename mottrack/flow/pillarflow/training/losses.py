@@ -25,7 +25,7 @@ class LossConfig(StrictModel):
 
     kind: Literal["balanced", "paper"] = Field("balanced", description="see the module")
     level_decay: float = Field(0.5, gt=0, le=1, description="weight of a level / next finer one")
-    speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0), description="edges of the buckets")
+    speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0, 8.0), description="edges of the buckets")
     static_weight: float = Field(1.5, gt=0, description="weight of the slowest bucket")
     empty_weight: float = Field(
         0.1,
