@@ -1,4 +1,4 @@
-"""Truth, ICP, binary OGM and PillarFlow side by side in Middlebury colours (the paper, Fig. 4).
+"""Truth, ICP, binary OGM and PillarFlow side by side in Middlebury colours (the paper, Figure 3).
 
     python benchmarks/flow_picture.py [--out flow.png] [--scenes 0,7] [--refined 1] [--quick]
 

@@ -1,4 +1,4 @@
-"""Flow of several sources side by side, a line for each scene (the paper, Figure 4).
+"""Flow of several sources side by side, a line for each scene (the paper, Figure 3).
 
 Hue is the direction of the velocity over the ground and paleness its slowness, in the Middlebury
 colours; the wheel in the first picture is the key. Grey cells stand still, light grey ones were

@@ -1,4 +1,4 @@
-"""The paper's Figure 5: green flow vectors per cell, red velocities per object, from above."""
+"""The paper's Figure 4: green flow vectors per cell, red velocities per object, from above."""
 
 from __future__ import annotations
 
