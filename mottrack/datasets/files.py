@@ -5,6 +5,7 @@ Every fault that a file can have becomes a `DataError` that names the file, the 
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,13 @@ from mottrack.datasets.faults import MissingError, NonFiniteError, OutsideRootEr
 
 MAX_RANGE_M = 2_000.0
 """No LiDAR sees farther; a coordinate beyond it is a damaged file, not a return."""
+MAX_BOX_RANGE_M = 1_000.0
+"""No detector and no annotator sees farther from the vehicle."""
+MAX_BOX_SIZE_M = 100.0
+MAX_ANGLE_RAD = 4.0 * np.pi
+"""Headings may be unwrapped; a larger one is in degrees, or damaged."""
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_INT64 = np.iinfo(np.int64)
 
 
 def inside(root: Path, relative: str, *, follow_links: bool = False) -> Path:
@@ -60,9 +68,9 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Return a UTF-8 text file; bytes that are not text are a `DataError`."""
+    """Return a UTF-8 text file without its byte order mark; other bytes are a `DataError`."""
     try:
-        return read_bytes(path).decode("utf-8")
+        return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(path, "byte", error.start, "UTF-8 text") from error
 
@@ -147,6 +155,23 @@ def read_table(
     return table | {"line": np.array(lines, dtype=np.int64)}
 
 
+def refuse_rows(
+    path: Path, table: dict[str, NDArray[Any]], wrong: NDArray[np.bool_], name: str, expected: str
+) -> None:
+    """Raise `DataError` naming line, column and value of the first row where `wrong` (N,)."""
+    rows = np.flatnonzero(wrong)
+    if rows.size:
+        value = table[name][rows[0]].item()
+        raise DataError(path, f"line {table['line'][rows[0]]}, {name}", value, expected)
+
+
+def repeated_rows(keys: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return (N,) whether a row of (N, K) `keys` stands before already."""
+    repeated = np.ones(len(keys), dtype=bool)
+    repeated[np.unique(keys, axis=0, return_index=True)[1]] = False
+    return repeated
+
+
 def _check_header(path: Path, text: list[str], columns: tuple[Column, ...]) -> None:
     expected = ",".join(column.name for column in columns)
     found = text[0].replace(" ", "") if text else ""
@@ -173,11 +198,22 @@ def _parse_row(
 
 
 def _parse(path: Path, where: str, text: str, column: Column) -> int | float | str:
+    if column.kind is str:
+        return text
+    return _integer(path, where, text) if column.kind is int else _number(path, where, text)
+
+
+def _integer(path: Path, where: str, text: str) -> int:
+    if not _INTEGER.fullmatch(text) or not _INT64.min <= int(text) <= _INT64.max:
+        raise DataError(path, where, text, "an integer of 64 bits")
+    return int(text)
+
+
+def _number(path: Path, where: str, text: str) -> float:
     try:
-        value = column.kind(text)
+        value = float(text)
     except ValueError as error:
-        kind = {int: "an integer", float: "a number", str: "text"}[column.kind]
-        raise DataError(path, where, text, kind) from error
-    if isinstance(value, float) and not np.isfinite(value):
+        raise DataError(path, where, text, "a number") from error
+    if not np.isfinite(value):
         raise NonFiniteError(path, where, text, "a finite number")
     return value

@@ -7,23 +7,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core import Pose
+from mottrack.core import DataError, Pose
 from mottrack.datasets.faults import NonFiniteError, NotRigidError
 
 MAX_DEFECT = 1e-3
 """Largest |R R^T - I| taken for rounding; more is a damaged or mistaken matrix."""
+MAX_PLACE_M = 1e8
+"""The Earth's own coordinates stay below 1e7 m; a place beyond this is a damaged file."""
 
 
 def rigid_pose(matrix: NDArray[np.float64], file: Path, field: str) -> Pose:
     """Return the pose of a (3, 4) or (4, 4) matrix with its rotation made exactly orthonormal.
 
     Raises:
-        DataError: not finite, or not a rotation by more than rounding explains.
+        DataError: not finite, farther than any place on Earth, or not a rotation by more than
+            rounding explains.
 
     """
     rotation, translation = matrix[:3, :3], matrix[:3, 3]
     if not np.isfinite(matrix).all():
         raise NonFiniteError(file, field, matrix[:3].ravel().tolist(), "finite numbers")
+    check_place(translation, file, field)
     defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if defect > MAX_DEFECT or np.linalg.det(rotation) < 0.0:
         raise NotRigidError(file, field, f"off by {defect:.3g}", "a rotation matrix")
@@ -37,19 +41,26 @@ def quaternion_pose(
     """Return the pose of a quaternion (w, x, y, z) that is a unit one but for rounding.
 
     Raises:
-        DataError: not finite or not of unit length.
+        DataError: not finite, farther than any place on Earth, or not of unit length.
 
     """
     if not (np.isfinite(wxyz).all() and np.isfinite(translation_m).all()):
         raise NonFiniteError(
             file, field, [*wxyz.tolist(), *translation_m.tolist()], "finite numbers"
         )
+    check_place(translation_m, file, field)
     length = float(quaternion_length(wxyz))
     if abs(length - 1.0) > MAX_DEFECT:
         raise NotRigidError(
             file, field, wxyz.tolist(), f"a unit quaternion, length is {length:.4g}"
         )
     return Pose.from_quaternion_wxyz(wxyz / length, translation_m)
+
+
+def check_place(xyz_m: NDArray[np.float64], file: Path, field: str) -> None:
+    """Raise `DataError` for a place (3,) that is nowhere near the Earth."""
+    if np.abs(xyz_m).max() > MAX_PLACE_M:
+        raise DataError(file, field, f"at {xyz_m.tolist()} m", f"within {MAX_PLACE_M:g} m")
 
 
 def quaternion_length(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from mottrack.datasets.argoverse2.feather import (
     require_integers,
     stacked,
 )
+from mottrack.datasets.files import MAX_BOX_RANGE_M, MAX_BOX_SIZE_M, repeated_rows
 from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.rigid import quaternion_length
 from mottrack.datasets.tables import DetectionTable, to_world
@@ -50,6 +51,8 @@ def read_annotations(
     columns = read_columns(path, (*_CUBOID, "num_interior_pts"), ("track_uuid", "category"))
     _check(path, columns)
     columns = _at_frames(path, columns, stamps)
+    points = require_integers(path, columns, "num_interior_pts")
+    refuse(path, points < 0, "num_interior_pts", points, "0 or more")
     identity = np.unique(columns["track_uuid"], return_inverse=True)[1].astype(np.int64)
     _check_unique(path, columns, identity)
     centre_m, yaw_rad = _in_world(columns, poses)
@@ -62,7 +65,7 @@ def read_annotations(
         size_m=stacked(columns, SIZE),
         yaw_rad=yaw_rad,
         velocity_mps=centred_velocities(identity, stamp_ns, centre_m),
-        num_points=require_integers(path, columns, "num_interior_pts"),
+        num_points=points,
         interpolated=np.zeros(len(stamp_ns), dtype=bool),
     )
 
@@ -75,7 +78,7 @@ def read_detections(
     The columns are those of an Argoverse 2 detection submission, cuboids in the ego frame.
 
     Raises:
-        DataError: damaged file or a value out of range.
+        DataError: damaged file, a value out of range, or no time that is a frame's.
 
     """
     stamps, poses = frames
@@ -84,7 +87,12 @@ def read_detections(
     if not len(columns["score"]):
         return None
     _check(path, columns)
+    first_ns = columns["timestamp_ns"][0]
     columns = _at_frames(path, columns, stamps)
+    if not len(columns["score"]) and config.frames is None:
+        raise DataError(
+            path, f"timestamp_ns of {log}", first_ns, "a frame's, as no other is either"
+        )
     centre_m, yaw_rad = _in_world(columns, poses)
     return DetectionTable(
         frame=columns["frame"],
@@ -125,17 +133,19 @@ def _labels(category: NDArray[np.str_], config: Argoverse2Config) -> NDArray[np.
 def _check(path: Path, columns: Columns) -> None:
     size, pose = stacked(columns, SIZE), stacked(columns, POSE)
     length = quaternion_length(pose[:, :4])
-    outside = (size.min(axis=1, initial=1.0) <= 0.0) | (size.max(axis=1, initial=1.0) > 100.0)
-    refuse(path, outside, "size", size, "in (0, 100] m")
+    largest = size.max(axis=1, initial=1.0)
+    outside = (size.min(axis=1, initial=1.0) <= 0.0) | (largest > MAX_BOX_SIZE_M)
+    refuse(path, outside, "size", size, f"in (0, {MAX_BOX_SIZE_M:g}] m")
     refuse(path, np.abs(length - 1.0) > 1e-3, "rotation", pose[:, :4], "a unit quaternion")
-    too_far = np.abs(pose[:, 4:]).max(axis=1, initial=0.0) > 1000.0
-    refuse(path, too_far, "translation", pose[:, 4:], "within 1000 m of the vehicle")
+    too_far = np.abs(pose[:, 4:]).max(axis=1, initial=0.0) > MAX_BOX_RANGE_M
+    expected = f"within {MAX_BOX_RANGE_M:g} m of the vehicle"
+    refuse(path, too_far, "translation", pose[:, 4:], expected)
+    refuse(path, columns["category"] == "", "category", columns["category"], "a name")
 
 
 def _check_unique(path: Path, columns: Columns, identity: NDArray[np.int64]) -> None:
-    keys = np.column_stack([columns["frame"], identity])
-    values, count = np.unique(keys, axis=0, return_counts=True)
-    if (count > 1).any():
-        row = np.flatnonzero((keys == values[np.argmax(count)]).all(axis=1))[0]
+    rows = np.flatnonzero(repeated_rows(np.column_stack([columns["frame"], identity])))
+    if rows.size:
+        row = rows[0]
         value = f"{columns['track_uuid'][row]} twice at {columns['timestamp_ns'][row]}"
         raise DataError(path, "track_uuid", value, "each track once a time")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from mottrack.core.errors import DataError, unknown_name
 from mottrack.datasets.argoverse2.config import Argoverse2Config
 from mottrack.datasets.argoverse2.scene import Argoverse2Scene
+from mottrack.datasets.choice import chosen_scenes, require_scene
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.files import existing_folder, inside
 
 
@@ -32,11 +33,8 @@ class Argoverse2:
         poses = self._folder.glob("*/city_SE3_egovehicle.feather")
         present = tuple(sorted(path.parent.name for path in poses))
         if not present:
-            raise DataError(self._folder, "logs", "none", "<log>/city_SE3_egovehicle.feather")
-        for name in self._config.scenes or ():
-            if name not in present:
-                raise unknown_name("scene", name, present)
-        return self._config.scenes or present
+            raise MissingError(self._folder, "logs", "none", "<log>/city_SE3_egovehicle.feather")
+        return chosen_scenes(self._config.scenes, present)
 
     def scene(self, name: str) -> Argoverse2Scene:
         """Open one log.
@@ -46,6 +44,5 @@ class Argoverse2:
             DataError: a file of it is missing or damaged.
 
         """
-        if name not in self.scene_names:
-            raise unknown_name("scene", name, self.scene_names)
+        require_scene(name, self.scene_names)
         return Argoverse2Scene(self._folder / name, self._config)

@@ -66,9 +66,11 @@ def _column(path: Path, values: Any, name: str, *, text: bool) -> NDArray[Any]:
 
 
 def require_integers(path: Path, columns: Columns, name: str) -> NDArray[np.int64]:
-    """Return a column of integers; raise DataError for fractions."""
+    """Return a column of integers; raise DataError for fractions and what 64 bits can't hold."""
     if columns[name].dtype.kind not in "iu":
         raise DataError(path, name, str(columns[name].dtype), "integers")
+    too_large = columns[name] > np.iinfo(np.int64).max
+    refuse(path, np.asarray(too_large), name, columns[name], "an integer of 64 bits with sign")
     return columns[name].astype(np.int64)
 
 

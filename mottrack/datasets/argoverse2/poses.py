@@ -24,7 +24,8 @@ def read_poses(path: Path) -> dict[int, Pose]:
     """Return `world_T_ego` by time in nanoseconds; the world is Argoverse's city frame.
 
     Raises:
-        DataError: damaged file, a stamp twice, or a quaternion that is not a unit one.
+        DataError: damaged file, a stamp twice, a place far from Earth, or a quaternion that is not
+            a unit one.
 
     """
     columns = read_columns(path, ("timestamp_ns", *POSE))
@@ -34,7 +35,7 @@ def read_poses(path: Path) -> dict[int, Pose]:
     repeated[np.unique(stamps, return_index=True)[1]] = False
     refuse(path, repeated, "timestamp_ns", stamps, "each stamp once")
     return {
-        int(stamp): quaternion_pose(row[:4], row[4:], path, f"rotation of row {number}")
+        int(stamp): quaternion_pose(row[:4], row[4:], path, f"pose of row {number}")
         for number, (stamp, row) in enumerate(zip(stamps, values, strict=True))
     }
 
@@ -43,10 +44,15 @@ def read_lidar_origin(path: Path) -> tuple[float, float, float]:
     """Return the upper LiDAR's place in the ego frame from `egovehicle_SE3_sensor.feather`.
 
     Both LiDARs are stacked on one axis within 30 cm of each other; the upper one stands for both.
+
+    Raises:
+        DataError: damaged file, no such sensor, or a mounting that is not rigid.
+
     """
     columns = read_columns(path, POSE, ("sensor_name",))
     rows = np.flatnonzero(columns["sensor_name"] == UP_LIDAR)
     if not rows.size:
         raise DataError(path, "sensor_name", "others only", UP_LIDAR)
-    x, y, z = stacked(columns, POSE)[rows[0], 4:]
-    return float(x), float(y), float(z)
+    values = stacked(columns, POSE)[rows[0]]
+    place = quaternion_pose(values[:4], values[4:], path, f"mounting of {UP_LIDAR}").translation_m
+    return float(place[0]), float(place[1]), float(place[2])

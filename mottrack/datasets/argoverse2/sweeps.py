@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import Pose, Sweep
+from mottrack.core import DataError, Pose, Sweep
 from mottrack.datasets.argoverse2.feather import read_columns, refuse, require_integers, stacked
 from mottrack.datasets.files import check_range
 
@@ -29,6 +29,8 @@ def read_sweep(
     """
     columns = read_columns(path, _COLUMNS)
     xyz_m = stacked(columns, ("x", "y", "z"))
+    if not len(xyz_m):
+        raise DataError(path, "points", 0, "at least one")
     check_range(path, xyz_m)
     intensity = columns["intensity"].astype(np.float64)
     refuse(path, (intensity < 0) | (intensity > 255), "intensity", intensity, "in [0, 255]")

@@ -20,6 +20,7 @@ class FolderConfig(StrictModel):
     )
     classes: tuple[str, ...] = Field(
         ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck"),
+        min_length=1,
         description="labels that are scored",
     )
     lidar_origin_m: tuple[float, float, float] = Field(

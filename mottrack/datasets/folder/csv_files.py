@@ -10,9 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import Pose, TruthTable
-from mottrack.core.errors import DataError
 from mottrack.datasets.faults import OutOfOrderError
-from mottrack.datasets.files import Column, read_table
+from mottrack.datasets.files import (
+    MAX_ANGLE_RAD,
+    MAX_BOX_RANGE_M,
+    MAX_BOX_SIZE_M,
+    Column,
+    read_table,
+    refuse_rows,
+    repeated_rows,
+)
 from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.rigid import quaternion_pose
 from mottrack.datasets.tables import DetectionTable, to_world
@@ -50,13 +57,13 @@ def read_boxes(path: Path, poses: Mapping[int, Pose]) -> TruthTable:
     """Return the labelled boxes in the world; velocities follow from the positions.
 
     Raises:
-        DataError: a broken line, a stamp without a pose, or an identity twice at one stamp.
+        DataError: a broken line, a value out of range, a stamp without a pose, or an identity twice
+            at one stamp.
 
     """
     table = _in_frames(path, read_table(path, _LABELLED, separator=",", header=True), poses)
-    keys = np.column_stack([table["frame"], table["id"]])
-    if len(np.unique(keys, axis=0)) != len(keys):
-        raise OutOfOrderError(path, "id", "repeated", "each identity once a stamp")
+    repeated = repeated_rows(np.column_stack([table["frame"], table["id"]]))
+    refuse_rows(path, table, repeated, "id", "each identity once a stamp")
     centre_m, yaw_rad, size_m = _placed(table, poses)
     return TruthTable(
         frame=table["frame"],
@@ -66,8 +73,8 @@ def read_boxes(path: Path, poses: Mapping[int, Pose]) -> TruthTable:
         size_m=size_m,
         yaw_rad=yaw_rad,
         velocity_mps=centred_velocities(table["id"], table["stamp_ns"], centre_m),
-        num_points=np.full(len(keys), -1),
-        interpolated=np.zeros(len(keys), dtype=bool),
+        num_points=np.full(len(repeated), -1),
+        interpolated=np.zeros(len(repeated), dtype=bool),
     )
 
 
@@ -75,7 +82,7 @@ def read_detections(path: Path, poses: Mapping[int, Pose]) -> DetectionTable:
     """Return the detections in the world.
 
     Raises:
-        DataError: a broken line, or a stamp without a pose.
+        DataError: a broken line, a value out of range, or a stamp without a pose.
 
     """
     table = _in_frames(path, read_table(path, _DETECTED, separator=",", header=True), poses)
@@ -86,16 +93,25 @@ def read_detections(path: Path, poses: Mapping[int, Pose]) -> DetectionTable:
 def _in_frames(path: Path, table: Columns, poses: Mapping[int, Pose]) -> Columns:
     """Check the rows, add the index of their frame and sort by it."""
     index = {stamp: i for i, stamp in enumerate(poses)}
-    for i, stamp in enumerate(table["stamp_ns"].tolist()):
-        line = f"line {table['line'][i]}"
-        if stamp not in index:
-            raise DataError(path, f"{line}, stamp_ns", stamp, "a stamp of poses.csv")
-        for name in ("length", "width", "height"):
-            if table[name][i] <= 0.0:
-                raise DataError(path, f"{line}, {name}", float(table[name][i]), "above 0 m")
+    _check_boxes(path, table)
+    lost = np.array([stamp not in index for stamp in table["stamp_ns"].tolist()], dtype=bool)
+    refuse_rows(path, table, lost, "stamp_ns", "a stamp of poses.csv")
     frame = np.array([index[s] for s in table["stamp_ns"].tolist()], dtype=np.int64)
     order = np.argsort(frame, kind="stable")
     return {name: values[order] for name, values in (table | {"frame": frame}).items()}
+
+
+def _check_boxes(path: Path, table: Columns) -> None:
+    for name in ("length", "width", "height"):
+        wrong = (table[name] <= 0.0) | (table[name] > MAX_BOX_SIZE_M)
+        refuse_rows(path, table, wrong, name, f"in (0, {MAX_BOX_SIZE_M:g}] m")
+    for name in ("x", "y", "z"):
+        too_far = np.abs(table[name]) > MAX_BOX_RANGE_M
+        refuse_rows(path, table, too_far, name, f"within {MAX_BOX_RANGE_M:g} m of the vehicle")
+    refuse_rows(
+        path, table, np.abs(table["yaw"]) > MAX_ANGLE_RAD, "yaw", "radians, at most two turns"
+    )
+    refuse_rows(path, table, table["label"] == "", "label", "a name")
 
 
 def _placed(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from mottrack.core.errors import DataError, unknown_name
+from mottrack.datasets.choice import chosen_scenes, require_scene
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.files import existing_folder
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.scene import FolderScene
@@ -30,11 +31,8 @@ class Folder:
         root = self._config.root
         present = tuple(sorted(path.parent.name for path in root.glob("*/poses.csv")))
         if not present:
-            raise DataError(root, "logs", "none", "<log>/poses.csv")
-        for name in self._config.scenes or ():
-            if name not in present:
-                raise unknown_name("scene", name, present)
-        return self._config.scenes or present
+            raise MissingError(root, "logs", "none", "<log>/poses.csv")
+        return chosen_scenes(self._config.scenes, present)
 
     def scene(self, name: str) -> FolderScene:
         """Open one log.
@@ -44,6 +42,5 @@ class Folder:
             DataError: a file of it is missing or damaged.
 
         """
-        if name not in self.scene_names:
-            raise unknown_name("scene", name, self.scene_names)
+        require_scene(name, self.scene_names)
         return FolderScene(self._config.root / name, self._config)

@@ -44,7 +44,8 @@ def read_calibration(path: Path) -> Calibration:
     """Read `calib/<sequence>.txt`.
 
     Raises:
-        DataError: a matrix is missing, has the wrong number of values or is not a rotation.
+        DataError: a matrix is missing, has the wrong number of values, is not a rotation, or
+            projects nothing into the image.
 
     """
     matrices = _read_matrices(path)
@@ -53,15 +54,18 @@ def read_calibration(path: Path) -> Calibration:
     velodyne = np.vstack([matrices["Tr_velo_cam"].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
     camera_T_ego = rigid_pose(rectified @ velodyne, path, "R_rect x Tr_velo_cam")
     ego_T_imu = rigid_pose(matrices["Tr_imu_velo"].reshape(3, 4), path, "Tr_imu_velo")
-    return Calibration(camera_T_ego.inverse(), ego_T_imu, _field_of_view(matrices["P2"]))
+    return Calibration(camera_T_ego.inverse(), ego_T_imu, _field_of_view(path, matrices["P2"]))
 
 
-def _field_of_view(projection: NDArray[np.float64]) -> tuple[float, float]:
+def _field_of_view(path: Path, projection: NDArray[np.float64]) -> tuple[float, float]:
     """Azimuths of the image's edges, the image taken as symmetric about the principal point.
 
     KITTI's images are cut to slightly different widths that no text file records; twice the
     principal point is up to 2 % narrower than the image, so nothing unlabelled is inside.
     """
+    if projection[0] <= 0.0 or projection[2] <= 0.0:
+        value = f"focal length {projection[0]:g}, principal point {projection[2]:g}"
+        raise DataError(path, "P2", value, "both above 0 pixels")
     half = float(np.arctan2(projection[2], projection[0]))
     return -half, half
 

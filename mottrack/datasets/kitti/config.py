@@ -43,7 +43,9 @@ class KittiConfig(StrictModel):
     poses: Literal["auto", "poses", "oxts", "none"] = Field(
         "auto", description="where ego poses come from; auto: `poses`, else `oxts`; none: at rest"
     )
-    period_s: float = Field(0.1, gt=0.0, description="time between frames, which KITTI leaves out")
+    period_s: float = Field(
+        0.1, ge=0.001, le=10.0, description="time between frames, which KITTI leaves out"
+    )
     class_map: dict[str, str] = Field(
         CLASS_MAP, description="KITTI type to label; types left out are dropped"
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-from mottrack.core.errors import unknown_name
+from mottrack.datasets.choice import chosen_scenes, require_scene
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.files import existing_folder
 from mottrack.datasets.kitti.config import KittiConfig
 from mottrack.datasets.kitti.layout import SequenceFiles
@@ -36,10 +37,9 @@ class Kitti:
         """The chosen sequences, or all that have a calibration."""
         calibrations = existing_folder(self._folder / "calib", "calib")
         present = tuple(sorted(path.stem for path in calibrations.glob("*.txt")))
-        for name in self._config.scenes or ():
-            if name not in present:
-                raise unknown_name("scene", name, present)
-        return self._config.scenes or present
+        if not present:
+            raise MissingError(calibrations, "sequences", "none", "<sequence>.txt")
+        return chosen_scenes(self._config.scenes, present)
 
     def scene(self, name: str) -> KittiScene:
         """Open one sequence.
@@ -49,6 +49,5 @@ class Kitti:
             DataError: a file of it is missing or damaged.
 
         """
-        if name not in self.scene_names:
-            raise unknown_name("scene", name, self.scene_names)
+        require_scene(name, self.scene_names)
         return KittiScene(SequenceFiles(self._config, name))

@@ -9,8 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.errors import DataError
-from mottrack.datasets.files import Column, read_table
+from mottrack.datasets.files import (
+    MAX_ANGLE_RAD,
+    MAX_BOX_RANGE_M,
+    MAX_BOX_SIZE_M,
+    Column,
+    read_table,
+    refuse_rows,
+    repeated_rows,
+)
 from mottrack.datasets.kitti.boxes import CameraBoxes
 
 DONT_CARE = "DontCare"
@@ -30,7 +37,8 @@ _LABEL = (
     *_BOX,
 )
 _DETECTION = (Column("frame", int), Column("type", int), *_IMAGE, Column("score"), *_BOX)
-_MAX_SIZE_M = 100.0
+MAX_FRAME = 999_999
+"""A frame's file name has six digits."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +78,8 @@ def read_labels(path: Path) -> LabelledBoxes:
     keep = table["type"] != DONT_CARE
     table = {name: values[keep] for name, values in table.items()}
     _check_rows(path, table)
-    _check_unique(path, table)
+    repeated = repeated_rows(np.column_stack([table["frame"], table["track"]]))
+    refuse_rows(path, table, repeated, "track", "each track once a frame")
     return LabelledBoxes(table["frame"], table["track"], table["type"], _camera_boxes(table))
 
 
@@ -87,7 +96,7 @@ def read_detections(path: Path) -> DetectedBoxes:
     table = read_table(path, _DETECTION, separator=",", optional=1)
     _check_rows(path, table)
     known = np.isin(table["type"], list(DETECTOR_TYPES))
-    _refuse(path, table, ~known, "type", f"one of {sorted(DETECTOR_TYPES)}")
+    refuse_rows(path, table, ~known, "type", f"one of {sorted(DETECTOR_TYPES)}")
     kind = np.array([DETECTOR_TYPES[number] for number in table["type"]], dtype=np.str_)
     return DetectedBoxes(table["frame"], kind, table["score"], _camera_boxes(table))
 
@@ -101,26 +110,13 @@ def _camera_boxes(table: dict[str, NDArray[Any]]) -> CameraBoxes:
 
 
 def _check_rows(path: Path, table: dict[str, NDArray[Any]]) -> None:
-    _refuse(path, table, table["frame"] < 0, "frame", "a frame index of 0 or more")
+    no_frame = (table["frame"] < 0) | (table["frame"] > MAX_FRAME)
+    refuse_rows(path, table, no_frame, "frame", f"a frame number of 0 to {MAX_FRAME}")
     for name in ("h", "w", "l"):
-        wrong = (table[name] <= 0.0) | (table[name] > _MAX_SIZE_M)
-        _refuse(path, table, wrong, name, f"in (0, {_MAX_SIZE_M}] m")
+        wrong = (table[name] <= 0.0) | (table[name] > MAX_BOX_SIZE_M)
+        refuse_rows(path, table, wrong, name, f"in (0, {MAX_BOX_SIZE_M:g}] m")
     for name in ("x", "y", "z"):
-        _refuse(path, table, np.abs(table[name]) > 1000.0, name, "within 1000 m")
-
-
-def _check_unique(path: Path, table: dict[str, NDArray[Any]]) -> None:
-    keys = np.column_stack([table["frame"], table["track"]])
-    _, first = np.unique(keys, axis=0, return_index=True)
-    repeated = np.ones(len(keys), dtype=bool)
-    repeated[first] = False
-    _refuse(path, table, repeated, "track", "each track once a frame")
-
-
-def _refuse(
-    path: Path, table: dict[str, NDArray[Any]], wrong: NDArray[np.bool_], name: str, expected: str
-) -> None:
-    rows = np.flatnonzero(wrong)
-    if rows.size:
-        value = table[name][rows[0]].item()
-        raise DataError(path, f"line {table['line'][rows[0]]}, {name}", value, expected)
+        too_far = np.abs(table[name]) > MAX_BOX_RANGE_M
+        refuse_rows(path, table, too_far, name, f"within {MAX_BOX_RANGE_M:g} m")
+    turned = np.abs(table["ry"]) > MAX_ANGLE_RAD
+    refuse_rows(path, table, turned, "ry", "radians, at most two turns")

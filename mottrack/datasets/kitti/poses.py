@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import Pose
-from mottrack.datasets.files import Column, read_table
+from mottrack.datasets.faults import MissingError
+from mottrack.datasets.files import MAX_ANGLE_RAD, Column, read_table, refuse_rows
 from mottrack.datasets.kitti.calibration import Calibration
 from mottrack.datasets.rigid import rigid_pose
 
@@ -25,20 +26,24 @@ EARTH_RADIUS_M = 6_378_137.0
 _MATRIX = tuple(Column(f"T[{i // 4},{i % 4}]") for i in range(12))
 _OXTS_USED = tuple(Column(name) for name in ("lat", "lon", "alt", "roll", "pitch", "yaw"))
 _OXTS_FURTHER = 24
+_OXTS_LIMIT = {"lat": 85.0, "lon": 180.0, "alt": 1e5} | dict.fromkeys(
+    ("roll", "pitch", "yaw"), MAX_ANGLE_RAD
+)
+"""Largest magnitude of each: degrees (the projection ends near the poles), metres, radians."""
 
 
 def read_camera_poses(path: Path, calibration: Calibration) -> list[Pose]:
     """Read `map_T_camera` rows as `world_T_ego`, the world being the first ego frame.
 
     Raises:
-        DataError: a broken line, or a matrix that is not rigid.
+        DataError: no line, a broken one, or a matrix that is not rigid.
 
     """
-    table = read_table(path, _MATRIX)
+    table = _one_row_a_frame(path, read_table(path, _MATRIX))
     rows = np.column_stack([table[column.name] for column in _MATRIX])
     camera_T_ego = calibration.ego_T_camera.inverse()
     map_T_ego = [
-        rigid_pose(row.reshape(3, 4), path, f"line {line}, rotation") @ camera_T_ego
+        rigid_pose(row.reshape(3, 4), path, f"line {line}") @ camera_T_ego
         for row, line in zip(rows, table["line"], strict=True)
     ]
     return [map_T_ego[0].inverse() @ pose for pose in map_T_ego]
@@ -51,10 +56,12 @@ def read_oxts(path: Path, calibration: Calibration) -> list[Pose]:
     Geiger et al., "Vision meets robotics: the KITTI dataset", IJRR 2013, section on the IMU.
 
     Raises:
-        DataError: a broken line or a value that is not finite.
+        DataError: no line, a broken one, or a value that is not finite or out of range.
 
     """
-    table = read_table(path, _OXTS_USED, optional=_OXTS_FURTHER)
+    table = _one_row_a_frame(path, read_table(path, _OXTS_USED, optional=_OXTS_FURTHER))
+    for name, limit in _OXTS_LIMIT.items():
+        refuse_rows(path, table, np.abs(table[name]) > limit, name, f"within {limit:g}")
     position = _mercator(table)
     imu_T_ego = calibration.ego_T_imu.inverse()
     map_T_ego = [
@@ -64,6 +71,12 @@ def read_oxts(path: Path, calibration: Calibration) -> list[Pose]:
     ]
     origin = Pose(np.eye(3), -map_T_ego[0].translation_m)
     return [origin @ pose for pose in map_T_ego]
+
+
+def _one_row_a_frame(path: Path, table: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    if not len(table["line"]):
+        raise MissingError(path, "lines", 0, "one for each frame")
+    return table
 
 
 def _mercator(table: dict[str, NDArray[Any]]) -> NDArray[np.float64]:

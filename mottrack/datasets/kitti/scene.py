@@ -17,7 +17,7 @@ from mottrack.datasets.kitti.config import CLASSES
 from mottrack.datasets.kitti.labels import LabelledBoxes, read_detections, read_labels
 from mottrack.datasets.kitti.layout import SequenceFiles
 from mottrack.datasets.kitti.poses import read_camera_poses, read_oxts
-from mottrack.datasets.kitti.sweeps import read_points, recorded_frames, sweep_path
+from mottrack.datasets.kitti.sweeps import last_frame, read_points, recorded_frames, sweep_path
 from mottrack.datasets.tables import DetectionTable, to_world, truth_of
 
 
@@ -82,12 +82,10 @@ class KittiScene:
         if source == "none":
             return [Pose.identity()] * self._frames_mentioned()
         if source == "poses" or (source == "auto" and not files.oxts.is_file()):
-            path, poses = (
-                files.camera_poses,
-                read_camera_poses(files.camera_poses, self._calibration),
-            )
+            path, read = files.camera_poses, read_camera_poses
         else:
-            path, poses = files.oxts, read_oxts(files.oxts, self._calibration)
+            path, read = files.oxts, read_oxts
+        poses = read(path, self._calibration)
         if len(poses) < self._frames_labelled():
             expected = f"{self._frames_labelled()}, one for each labelled frame"
             raise MissingError(path, "number of poses", len(poses), expected)
@@ -97,8 +95,7 @@ class KittiScene:
         return 0 if self._labels is None else int(self._labels.frame.max(initial=-1)) + 1
 
     def _frames_mentioned(self) -> int:
-        stems = [int(p.stem) for p in self._files.sweeps.glob("*.bin") if p.stem.isdigit()]
-        return max(self._frames_labelled(), max(stems, default=-1) + 1)
+        return max(self._frames_labelled(), last_frame(self._files.sweeps) + 1)
 
     def _chosen_frames(self) -> list[int]:
         numbers = list(range(len(self._poses)))

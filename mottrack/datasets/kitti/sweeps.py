@@ -24,6 +24,12 @@ def recorded_frames(folder: Path, count: int) -> list[int]:
     return [frame for frame in range(count) if f"{frame:06d}" in present]
 
 
+def last_frame(folder: Path) -> int:
+    """Return the highest frame number that has a sweep, -1 where there is none."""
+    stems = [path.stem for path in folder.glob("[0-9][0-9][0-9][0-9][0-9][0-9].bin")]
+    return int(max(stems, default="-1"))
+
+
 def read_points(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return xyz_m (N, 3) in the ego frame and reflectance (N,) in [0, 1].
 

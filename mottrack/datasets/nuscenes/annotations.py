@@ -5,22 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.errors import DataError
-from mottrack.datasets.faults import MissingError
+from mottrack.datasets.faults import MissingError, OutOfOrderError
+from mottrack.datasets.files import MAX_BOX_SIZE_M, repeated_rows
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.tables import (
     ROTATION,
     TOKEN,
     TRANSLATION,
     Columns,
+    Expected,
     Rows,
     Tables,
     looked_up,
     text_of,
 )
-from mottrack.datasets.rigid import quaternion_length
 
 _TABLE = "sample_annotation"
+_SIZE = Expected("size", f"three numbers in (0, {MAX_BOX_SIZE_M:g}] m")
+_ONCE = Expected("instance_token", "each instance once a sample", OutOfOrderError)
 _KINDS = (
     TOKEN,
     Kind("sample_token", text=True),
@@ -38,16 +40,23 @@ def box_columns(tables: Tables, sample_index: dict[str, int]) -> Columns | None:
 
     Sorted by sample, else in the order of the table. None if the version has no annotations at
     all, as the test split.
+
+    Raises:
+        DataError: a damaged table, a value out of range, an instance twice in a sample, or one
+            whose category is not there.
     """
     columns = tables.columns(_TABLE, _KINDS, Rows({"sample_token": sample_index}))
     if not len(columns["size"]) and next(tables.rows(_TABLE), None) is None:
         return None
     _check(tables, columns)
     columns["sample"] = looked_up(columns.pop("sample_token"), sample_index)
-    instance = text_of(columns.pop("instance_token"))
+    instance = text_of(columns["instance_token"])
     number = {token: i for i, token in enumerate(dict.fromkeys(instance))}
     columns["instance"] = np.array([number[token] for token in instance], dtype=np.int64)
     columns["category"] = _categories(tables, number)[columns["instance"]]
+    repeated = repeated_rows(np.column_stack([columns["sample"], columns["instance"]]))
+    tables.refuse(_TABLE, columns, repeated, _ONCE)
+    del columns["instance_token"]
     order = np.argsort(columns["sample"], kind="stable")
     return {name: values[order] for name, values in columns.items()}
 
@@ -69,16 +78,9 @@ def _categories(tables: Tables, number: dict[str, int]) -> NDArray[np.bytes_]:
 
 
 def _check(tables: Tables, columns: Columns) -> None:
-    length = quaternion_length(columns["rotation"])
-    _refuse(tables, columns, np.abs(length - 1.0) > 1e-3, "rotation", "a unit quaternion")
-    too_small = columns["size"].min(axis=1, initial=1.0) <= 0.0
-    _refuse(tables, columns, too_small, "size", "three positive numbers")
-
-
-def _refuse(
-    tables: Tables, columns: Columns, wrong: NDArray[np.bool_], name: str, expected: str
-) -> None:
-    rows = np.flatnonzero(wrong)
-    if rows.size:
-        field = f"{name} of record {columns['token'][rows[0]].decode()}"
-        raise DataError(tables.path(_TABLE), field, columns[name][rows[0]].tolist(), expected)
+    tables.check_poses(_TABLE, columns)
+    size = columns["size"]
+    outside = (size <= 0.0).any(axis=1) | (size > MAX_BOX_SIZE_M).any(axis=1)
+    tables.refuse(_TABLE, columns, outside, _SIZE)
+    for name in ("num_lidar_pts", "num_radar_pts"):
+        tables.refuse(_TABLE, columns, np.asarray(columns[name] < 0), Expected(name, "0 or more"))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-from mottrack.core.errors import DataError, unknown_name
-from mottrack.datasets.files import existing_folder
+from mottrack.core.errors import DataError
+from mottrack.datasets.choice import chosen_scenes, require_scene
+from mottrack.datasets.files import existing_folder, inside
 from mottrack.datasets.nuscenes.cache import cache_folder
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
@@ -28,7 +29,9 @@ class NuScenes:
     def __init__(self, config: NuScenesConfig) -> None:
         self._config = config
         existing_folder(config.root, "root")
-        self._tables = Tables(config.root, config.version or _version(config.root, config.split))
+        version = config.version or _version(config.root, config.split)
+        inside(config.root, version, follow_links=True)
+        self._tables = Tables(config.root, version)
 
     @property
     def name(self) -> str:
@@ -50,12 +53,10 @@ class NuScenes:
             here = tuple(name for name in present if name in wanted)
             if not here:
                 path = self._tables.path("scene")
-                raise DataError(path, "scenes", "others", f"scenes of split {self._config.split}")
+                found = f"others ({len(present)})"
+                raise DataError(path, "scenes", found, f"scenes of split {self._config.split}")
             present = here
-        for name in self._config.scenes or ():
-            if name not in present:
-                raise unknown_name("scene", name, present)
-        return self._config.scenes or present
+        return chosen_scenes(self._config.scenes, present)
 
     def scene(self, name: str) -> NuScenesScene:
         """Open one scene.
@@ -65,8 +66,7 @@ class NuScenes:
             DataError: a table or the detection file is missing or damaged.
 
         """
-        if name not in self.scene_names:
-            raise unknown_name("scene", name, self.scene_names)
+        require_scene(name, self.scene_names)
         return NuScenesScene(name, self._store.record(name), self._config, self._detections)
 
     def sample_tokens(self) -> list[str]:

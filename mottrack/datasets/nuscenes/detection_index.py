@@ -16,7 +16,9 @@ from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.datasets.faults import MissingError, OutOfOrderError, TruncatedError
 from mottrack.datasets.nuscenes.cache import cache_key, is_large
 
+_RESULTS = re.compile(rb'"results"\s*:\s*\{')
 _LIST = rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])'
+_EMPTY = re.compile(rb'"results"\s*:\s*\{\s*\}')
 _FIRST = re.compile(rb'"results"\s*:\s*\{\s*' + _LIST)
 # to look for the bracket that ends a list is five times as fast as for a quotation mark
 _NEXT = re.compile(rb"\]\s*,\s*" + _LIST)
@@ -69,8 +71,10 @@ def _scan(path: Path) -> DetectionIndex:
     if not path.stat().st_size:
         raise TruncatedError(path, "size in bytes", 0, "a detection file")
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
-        first = _FIRST.search(text)
         _check_envelope(path, text)
+        first = _FIRST.search(text)
+        if first is None and not _EMPTY.search(text):
+            raise DataError(path, "results", "no list first", "{sample_token: [box, ...], ...}")
         found = [first, *_NEXT.finditer(text, first.end())] if first else []
         token = [match.group(1) for match in found]
         start = [match.end() for match in found]
@@ -88,8 +92,8 @@ def _scan(path: Path) -> DetectionIndex:
 
 def _check_envelope(path: Path, text: mmap.mmap) -> None:
     """There are results, and the file ends with the two braces that close them and the whole."""
-    if text.find(b'"results"') < 0:
-        raise DataError(path, "results", "missing", "a file with meta and results")
+    if not _RESULTS.search(text):
+        raise DataError(path, "results", "missing", "results: {sample_token: [box, ...], ...}")
     end = b"".join(text[-_END_BYTES:].split())
     if not end.endswith(b"}}"):
         raise TruncatedError(path, "end of file", end[-20:], "two closing braces")

@@ -18,13 +18,16 @@ from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
 from mottrack.datasets.faults import MissingError, TruncatedError
+from mottrack.datasets.files import MAX_BOX_SIZE_M
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
 from mottrack.datasets.nuscenes.detection_index import indexed
 from mottrack.datasets.nuscenes.truth import yaw_of
-from mottrack.datasets.rigid import quaternion_length
+from mottrack.datasets.rigid import MAX_PLACE_M, quaternion_length
 from mottrack.datasets.tables import DetectionTable
 
+MAX_SPEED_MPS = 200.0
+"""A faster object is none: its velocity is left out."""
 _KINDS = (
     Kind("sample_token", text=True),
     Kind("translation", 3),
@@ -109,7 +112,8 @@ class DetectionFile:
         known = np.isin(columns["detection_name"], [name.encode() for name in DETECTION_NAMES])
         checks = (
             ("sample_token", columns["sample_token"] == token.encode(), token),
-            ("size", (columns["size"] > 0.0).all(axis=1), "three positive numbers"),
+            ("size", _in_size(columns["size"]), f"three numbers in (0, {MAX_BOX_SIZE_M:g}] m"),
+            ("translation", _near(columns["translation"]), f"within {MAX_PLACE_M:g} m"),
             ("rotation", unit, "a unit quaternion"),
             ("detection_name", known, f"one of {', '.join(DETECTION_NAMES)}"),
         )
@@ -119,6 +123,14 @@ class DetectionFile:
                 value = columns[name][bad].tolist()
                 shown = value.decode() if isinstance(value, bytes) else value
                 raise DataError(self._path, f"{where}[{bad}].{name}", shown, expected)
+
+
+def _in_size(size_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(((size_m > 0.0) & (size_m <= MAX_BOX_SIZE_M)).all(axis=1))
+
+
+def _near(centre_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(centre_m) <= MAX_PLACE_M).all(axis=1))
 
 
 def _first_value(text: bytes) -> Any:
@@ -145,6 +157,6 @@ def _velocities(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
     kind = Kind("velocity", 2)
     for index, row in enumerate(rows):
         values = kind.array([row.get("velocity")])
-        if values is not None:
+        if values is not None and np.abs(values[0]).max() < MAX_SPEED_MPS:
             velocity[index] = values[0]
     return velocity

@@ -20,6 +20,8 @@ from mottrack.datasets.nuscenes.record import SceneRecord
 from mottrack.datasets.nuscenes.sweep_table import sweep_columns
 from mottrack.datasets.nuscenes.tables import TOKEN, Columns, Rows, Tables, text_of
 
+LATEST_US = np.iinfo(np.int64).max // 1000
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -81,14 +83,9 @@ def _sweeps(tables: Tables, sweeps: Columns, sample_token: NDArray[np.bytes_]) -
     # a sweep between key frames belongs to one of its neighbours: sort by time, not by sample
     order = np.argsort(sweeps["timestamp"], kind="stable")
     sweeps = {name: values[order] for name, values in sweeps.items()}
+    _check_times(tables, sweeps["timestamp"])
     key = sweeps["is_key_frame"].astype(bool)
     _check_key_frames(tables, sweeps["sample"][key], sample_token)
-    repeated = np.flatnonzero(np.diff(sweeps["timestamp"]) <= 0)
-    if repeated.size:
-        stamp = int(sweeps["timestamp"][repeated[0]])
-        raise OutOfOrderError(
-            tables.path("sample_data"), "timestamp", f"{stamp} twice", "each once"
-        )
     return {
         "sweep_stamp_us": sweeps["timestamp"],
         "sweep_file": sweeps["filename"],
@@ -96,6 +93,17 @@ def _sweeps(tables: Tables, sweeps: Columns, sample_token: NDArray[np.bytes_]) -
         "world_T_ego": sweeps["world_T_ego"],
         "ego_T_lidar": sweeps["ego_T_lidar"],
     }
+
+
+def _check_times(tables: Tables, stamp_us: NDArray[np.int64]) -> None:
+    """Refuse (S,) sorted times that nanoseconds of 64 bits can't hold, or that come twice."""
+    path = tables.path("sample_data")
+    wrong = stamp_us[(stamp_us < 0) | (stamp_us > LATEST_US)]
+    if wrong.size:
+        raise DataError(path, "timestamp", int(wrong[0]), f"microseconds, 0 to {LATEST_US}")
+    repeated = np.flatnonzero(np.diff(stamp_us) <= 0)
+    if repeated.size:
+        raise OutOfOrderError(path, "timestamp", f"{stamp_us[repeated[0]]} twice", "each once")
 
 
 def _check_key_frames(

@@ -47,9 +47,15 @@ class NuScenesScene:
 
     @cached_property
     def has_sweeps(self) -> bool:
-        """Whether the files of all frames are there."""
+        """Whether the files of all frames are there.
+
+        Raises:
+            DataError: a file's name leads out of the root.
+
+        """
+        root = self._config.root
         files = text_of(self._record.sweep_file[self._sweeps])
-        return all((self._config.root / file).is_file() for file in files)
+        return all(inside(root, file, follow_links=True).is_file() for file in files)
 
     def __len__(self) -> int:
         return len(self._sweeps)

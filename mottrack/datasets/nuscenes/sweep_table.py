@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.datasets.faults import MissingError, NotRigidError
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.tables import (
     ROTATION,
@@ -17,7 +17,6 @@ from mottrack.datasets.nuscenes.tables import (
     looked_up,
     text_of,
 )
-from mottrack.datasets.rigid import quaternion_length
 
 CHANNEL = "LIDAR_TOP"
 _KINDS = (
@@ -33,7 +32,10 @@ _KINDS = (
 def sweep_columns(tables: Tables, sample_index: dict[str, int]) -> Columns:
     """Return sample (its index), timestamp, is_key_frame, filename, world_T_ego and ego_T_lidar.
 
-    Sorted by sample; poses are (S, 7), quaternion then translation.
+    Sorted by sample; timestamps in microseconds; poses are (S, 7), quaternion then translation.
+
+    Raises:
+        DataError: a damaged table, a record that points to none, or a pose that is none.
     """
     mounts = _lidar_mounts(tables)
     rows = Rows({"calibrated_sensor_token": mounts, "sample_token": sample_index})
@@ -54,7 +56,7 @@ def _lidar_mounts(tables: Tables) -> dict[str, NDArray[np.float64]]:
         raise MissingError(tables.path("sensor"), "channel", "missing", CHANNEL)
     kinds = (TOKEN, ROTATION, TRANSLATION)
     mounts = tables.columns("calibrated_sensor", kinds, Rows({"sensor_token": lidars}))
-    _check_unit(tables, "calibrated_sensor", mounts)
+    tables.check_poses("calibrated_sensor", mounts)
     poses = np.hstack([mounts["rotation"], mounts["translation"]])
     return dict(zip(text_of(mounts["token"]), poses, strict=True))
 
@@ -63,19 +65,10 @@ def _ego_poses(tables: Tables, tokens: NDArray[np.bytes_]) -> NDArray[np.float64
     # several sweeps may share a pose, so look up by token both ways
     wanted = {token: place for place, token in enumerate(dict.fromkeys(text_of(tokens)))}
     found = tables.columns("ego_pose", (TOKEN, ROTATION, TRANSLATION), Rows({"token": wanted}))
-    _check_unit(tables, "ego_pose", found)
+    tables.check_poses("ego_pose", found)
     poses = np.full((len(wanted), 7), np.nan)
     poses[looked_up(found["token"], wanted)] = np.hstack([found["rotation"], found["translation"]])
     for token, place in wanted.items():
         if np.isnan(poses[place, 0]):
             raise MissingError(tables.path("ego_pose"), "record", "missing", f"ego pose {token}")
     return poses[looked_up(tokens, wanted)]
-
-
-def _check_unit(tables: Tables, name: str, columns: Columns) -> None:
-    length = quaternion_length(columns["rotation"])
-    wrong = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
-    if wrong.size:
-        field = f"rotation of record {columns['token'][wrong[0]].decode()}"
-        value = columns["rotation"][wrong[0]].tolist()
-        raise NotRigidError(tables.path(name), field, value, "a unit quaternion")

@@ -10,7 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.errors import DataError
+from mottrack.datasets.faults import NotRigidError, OutOfOrderError
 from mottrack.datasets.nuscenes.columns import Kind, collect
+from mottrack.datasets.rigid import MAX_DEFECT, MAX_PLACE_M, quaternion_length
 from mottrack.formats.nuscenes_tables import (
     Row,
     Thinning,
@@ -22,6 +25,20 @@ from mottrack.formats.nuscenes_tables import (
 Columns = dict[str, NDArray[Any]]
 TOKEN = Kind("token", text=True)
 ROTATION, TRANSLATION = Kind("rotation", 4), Kind("translation", 3)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a field must hold, and which error says so."""
+
+    name: str
+    expected: str
+    error: type[DataError] = DataError
+
+
+UNIT_ROTATION = Expected("rotation", "a unit quaternion", NotRigidError)
+NEAR_PLACE = Expected("translation", f"within {MAX_PLACE_M:g} m")
+ONE_NAME = Expected("name", "each name once", OutOfOrderError)
 
 
 @dataclass(frozen=True)
@@ -47,9 +64,30 @@ class Tables:
         rows = stream_table(path, thin=among.thinning())
         return collect(path, (row for row in rows if among.holds(row)), kinds)
 
+    def refuse(
+        self, name: str, columns: Columns, wrong: NDArray[np.bool_], field: Expected
+    ) -> None:
+        """Raise DataError that names the first record (it has a token) where `wrong` (N,)."""
+        rows = np.flatnonzero(wrong)
+        if rows.size:
+            where = f"{field.name} of record {columns['token'][rows[0]].decode()}"
+            value = columns[field.name][rows[0]].tolist()
+            shown = value.decode() if isinstance(value, bytes) else value
+            raise field.error(self.path(name), where, shown, field.expected)
+
+    def check_poses(self, name: str, columns: Columns) -> None:
+        """Raise DataError for a rotation that is no unit quaternion, or a place far from Earth."""
+        off = np.abs(quaternion_length(columns["rotation"]) - 1.0) > MAX_DEFECT
+        self.refuse(name, columns, off, UNIT_ROTATION)
+        far = np.abs(columns["translation"]).max(axis=1, initial=0.0) > MAX_PLACE_M
+        self.refuse(name, columns, far, NEAR_PLACE)
+
     def scene_tokens(self) -> dict[str, str]:
-        """Token of each scene by name, in the order of the table."""
+        """Token of each scene by name, in the order of the table; DataError for a name twice."""
         scenes = self.columns("scene", (TOKEN, Kind("name", text=True)))
+        repeated = np.ones(len(scenes["name"]), dtype=bool)
+        repeated[np.unique(scenes["name"], return_index=True)[1]] = False
+        self.refuse("scene", scenes, repeated, ONE_NAME)
         return dict(zip(text_of(scenes["name"]), text_of(scenes["token"]), strict=True))
 
 

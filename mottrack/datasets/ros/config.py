@@ -16,7 +16,9 @@ class RosConfig(StrictModel):
     scenes: tuple[str, ...] | None = Field(None, description="file names without .mcap; none: all")
     points_topic: str = Field("/points", description="sensor_msgs/msg/PointCloud2")
     odometry_topic: str = Field("/odometry", description="nav_msgs/msg/Odometry")
-    classes: tuple[str, ...] = Field(("generic",), description="labels of the objects")
+    classes: tuple[str, ...] = Field(
+        ("generic",), min_length=1, description="labels of the objects"
+    )
     lidar_position_m: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description="the points' frame in the ego frame of the odometry"
     )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from mottrack.core.errors import DataError, unknown_name
+from mottrack.datasets.choice import chosen_scenes, require_scene
+from mottrack.datasets.faults import MissingError
 from mottrack.datasets.files import existing_folder, inside
 from mottrack.datasets.ros.config import RosConfig
 from mottrack.datasets.ros.scene import RosScene
@@ -29,11 +30,8 @@ class RosLogs:
         """The chosen files, or all."""
         present = tuple(sorted(path.stem for path in self._config.root.glob("*.mcap")))
         if not present:
-            raise DataError(self._config.root, "logs", "none", "*.mcap")
-        for name in self._config.scenes or ():
-            if name not in present:
-                raise unknown_name("scene", name, present)
-        return self._config.scenes or present
+            raise MissingError(self._config.root, "logs", "none", "*.mcap")
+        return chosen_scenes(self._config.scenes, present)
 
     def scene(self, name: str) -> RosScene:
         """Open one log.
@@ -43,6 +41,5 @@ class RosLogs:
             DataError: the file is damaged, or lacks a topic or a pose.
 
         """
-        if name not in self.scene_names:
-            raise unknown_name("scene", name, self.scene_names)
+        require_scene(name, self.scene_names)
         return RosScene(inside(self._config.root, f"{name}.mcap", follow_links=True), self._config)
