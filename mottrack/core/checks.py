@@ -15,14 +15,19 @@ T = TypeVar("T", bound=np.generic)
 def as_array(
     field: str, value: object, dtype: DTypeLike, shape: tuple[int | None, ...]
 ) -> NDArray[Any]:
-    """Returns ``value`` as a read-only array of ``dtype`` and ``shape`` (None: any length).
+    """Returns ``value`` as a read-only view of ``dtype`` and ``shape`` (None: any length).
+
+    An array that has the dtype already is not copied: whoever made it must not write to it later.
 
     Raises:
-        InputError: naming the field, with the actual and the expected shape.
+        InputError: naming the field, with the actual and the expected shape, or with the first
+            entry that is no whole number where integers are expected, no text where labels are.
     """
     try:
-        array = np.asarray(value, dtype=dtype)
-    except (TypeError, ValueError) as error:
+        with np.errstate(invalid="ignore", over="ignore"):
+            given = np.asarray(value)
+            array = given.astype(dtype, copy=False)
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
@@ -30,9 +35,27 @@ def as_array(
     if not fits:
         want = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"shape of {field}", array.shape, want)
+    _require_nothing_lost(field, given, array)
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _require_nothing_lost(field: str, given: NDArray[Any], array: NDArray[Any]) -> None:
+    """Refuses what a change of type would change in silence: 1.5 to 1, NaN to a number, a None."""
+    if given.dtype == array.dtype:
+        return
+    if array.dtype.kind in "iu" and given.dtype.kind in "iuf":
+        require_all(field, given, given == array, f"a whole number that fits {array.dtype}")
+    if array.dtype.kind == "U" and given.dtype.kind == "O":
+        texts = np.array([isinstance(item, str) for item in given.flat], np.bool_)
+        require_all(field, given, texts.reshape(given.shape), "text")
+
+
+def require_instance(field: str, value: object, kind: type[Any]) -> None:
+    """Raises InputError unless ``value`` is a ``kind``."""
+    if not isinstance(value, kind):
+        raise InputError(field, f"of type {type(value).__name__}", f"a {kind.__name__}")
 
 
 def require_finite(field: str, array: NDArray[Any]) -> None:
@@ -71,8 +94,10 @@ def as_stamp(field: str, value: object) -> int:
     """Returns an integer stamp in nanoseconds; refuses floats, which lose nanoseconds.
 
     Raises:
-        InputError: the value is not an integer.
+        InputError: the value is not an integer, or does not fit in 64 bits.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise InputError(field, repr(value), "an integer of nanoseconds")
+    if not -(2**63) <= value < 2**63:
+        raise InputError(field, value, "an integer of nanoseconds that fits in 64 bits")
     return int(value)

@@ -32,8 +32,8 @@ class VelocityFaults:
 
 
 SOUND = VelocityFaults()
-"""A radar, a detector of known quality, the truth."""
+"""No faults: a radar, a detector of known quality, the truth."""
 FLOW_FAULTS = VelocityFaults(relative=0.45, lost_share=0.35, gross_share=0.1)
-"""Flow learned or filtered; what a source is taken to do that says nothing of itself."""
+"""Learned or filtered flow; assumed of a source that does not state its faults."""
 REGISTRATION_FAULTS = VelocityFaults(relative=0.6, lost_share=0.02, gross_share=0.1)
-"""Registration of points: it finds a motion wherever there is one, though not always the true."""
+"""Registration of points (ICP): it loses few motions, but what it finds may be wrong."""

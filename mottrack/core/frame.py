@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 
-from mottrack.core.checks import as_stamp
+from mottrack.core.checks import as_stamp, require_instance
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Truth
 from mottrack.core.pose import Pose
@@ -15,7 +16,8 @@ class Frame:
     """What a data set knows at one stamp, apart from the sweep itself.
 
     Raises:
-        InputError: detections or truth are not in the world frame.
+        InputError: detections or truth are not in the world frame, the pose is no `Pose`, or the
+            labelled azimuths are not ascending angles in [-pi, pi].
     """
 
     stamp_ns: int
@@ -29,11 +31,16 @@ class Frame:
     token: str = ""
     """The data set's own name of the frame (nuScenes: the sample token)."""
     labelled_azimuth_rad: tuple[float, float] | None = None
-    """(right, left) azimuth in the ego frame between which objects are labelled; None: all around.
-    KITTI labels what its camera sees, so outside it a track or a moving cell is no error."""
+    """(right, left) azimuth in the ego frame between which objects are labelled, right < left;
+    None: all around. KITTI labels what its camera sees: elsewhere a track or a moving cell is no
+    error."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
+        require_instance("world_T_ego", self.world_T_ego, Pose)
+        right, left = self.labelled_azimuth_rad or (-pi, pi)
+        if not -pi <= right < left <= pi:
+            raise InputError("labelled_azimuth_rad", [right, left], "right < left in [-pi, pi]")
         for name, boxes in (("detections", self.detections), ("truth", self.truth)):
             if boxes is not None and boxes.frame != "world":
                 raise InputError(f"frame of {name}", repr(boxes.frame), "'world'")

@@ -33,7 +33,7 @@ class FlowField:
     frame: the elapsed time is divided out once, inside the source.
 
     Raises:
-        InputError: a shape is not the grid's, or a number is not finite.
+        InputError: a shape is not the grid's, a number is not finite, a weight outside [0, 1].
     """
 
     grid: BevGrid
@@ -63,6 +63,9 @@ class FlowField:
             if dtype is np.float32:
                 require_finite(name, array)
             object.__setattr__(self, name, array)
+        if not (self.weight.min() >= 0.0 and self.weight.max() <= 1.0):
+            span = [float(self.weight.min()), float(self.weight.max())]
+            raise InputError("range of weight", span, "within [0, 1]")
         object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
 
     @classmethod

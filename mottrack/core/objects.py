@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -14,6 +15,7 @@ from mottrack.core.checks import (
     require_all,
     require_covariance,
     require_finite,
+    require_instance,
 )
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
@@ -54,7 +56,7 @@ class Boxes:
         object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
         if self.frame not in FRAMES:
             raise InputError("frame", repr(self.frame), f"one of {', '.join(FRAMES)}")
-        n = len(np.asarray(self.centre_m))
+        n = len(as_array("centre_m", self.centre_m, np.float64, (None, 3)))
         for name, (dtype, tail) in self._all_rows().items():
             array = as_array(name, getattr(self, name), dtype, (n, *tail))
             if dtype is np.float64 and name not in self.MAY_BE_NAN:
@@ -132,8 +134,10 @@ class Objects(Boxes):
         if self.num_points is not None:
             counted = as_array("num_points", self.num_points, np.int64, (len(self),))
             object.__setattr__(self, "num_points", counted)
-        if self.velocity is not None and len(self.velocity) != len(self):
-            raise InputError("length of velocity", len(self.velocity), str(len(self)))
+        if self.velocity is not None:
+            require_instance("velocity", self.velocity, VelocityMeasurement)
+            if len(self.velocity) != len(self):
+                raise InputError("length of velocity", len(self.velocity), str(len(self)))
         object.__setattr__(self, "hull", _checked_hull(self.hull, len(self)))
 
     @classmethod
@@ -192,8 +196,10 @@ class Tracks(Boxes):
         covariance = as_array("covariance", self.covariance, np.float64, (n, d, d))
         require_finite("state", state)
         require_finite("covariance", covariance)
-        if len(np.unique(self.id)) != n:
-            raise InputError("id", self.id.tolist(), "no identity twice at one stamp")
+        identities, counts = np.unique(self.id, return_counts=True)
+        if len(identities) != n:
+            twice = int(identities[np.argmax(counts)])
+            raise InputError("id", f"{twice} for {counts.max()} tracks", "no identity twice")
         object.__setattr__(self, "state", state)
         object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "hull", _checked_hull(self.hull, n))
@@ -241,7 +247,7 @@ class Truth(Boxes):
     (a track of one box, a gap that is too long)."""
     num_points: NDArray[np.int64]
     """(N,) LiDAR returns on the object; -1 where not counted."""
-    interpolated: NDArray[np.bool_] = field(kw_only=True)
+    interpolated: NDArray[np.bool_]
     """(N,) whether the box was interpolated between two annotated stamps."""
 
     @classmethod
@@ -274,12 +280,18 @@ def _no_boxes() -> dict[str, Any]:
 def _checked_hull(hull: Hulls | None, n: int) -> Hulls | None:
     if hull is None:
         return None
+    if not isinstance(hull, Sequence):
+        raise InputError("hull", f"of type {type(hull).__name__}", "a tuple of (K, 2) arrays")
     if len(hull) != n:
         raise InputError("length of hull", len(hull), str(n))
-    return tuple(
+    checked = tuple(
         h if _is_checked(h) else as_array(f"hull[{i}]", h, np.float64, (None, 2))
         for i, h in enumerate(hull)
     )
+    if n and not np.isfinite(np.concatenate(checked)).all():
+        for i, h in enumerate(checked):
+            require_finite(f"hull[{i}]", h)
+    return checked
 
 
 def _is_checked(hull: NDArray[np.float64]) -> bool:

@@ -45,10 +45,16 @@ class Pose:
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Pose:
-        """From a (4, 4) or (3, 4) homogeneous matrix."""
-        full = np.asarray(matrix, dtype=np.float64)
-        if full.shape not in ((4, 4), (3, 4)):
+        """From a (4, 4) or (3, 4) homogeneous matrix.
+
+        Raises:
+            InputError: the shape is another, or the last row is not 0, 0, 0, 1 (transposed?).
+        """
+        full = as_array("matrix", matrix, np.float64, (None, 4))
+        if len(full) not in (3, 4):
             raise InputError("shape of matrix", full.shape, "(4, 4) or (3, 4)")
+        if np.abs(full[3:] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) > ORTHONORMAL_TOLERANCE:
+            raise InputError("last row of matrix", full[3].tolist(), "[0, 0, 0, 1]")
         return cls(full[:3, :3], full[:3, 3])
 
     @classmethod
@@ -71,12 +77,12 @@ class Pose:
                 [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
             ]
         )
-        return cls(rotation, np.asarray(translation_m, dtype=np.float64))
+        return cls(rotation, as_array("translation_m", translation_m, np.float64, (3,)))
 
     @classmethod
     def from_yaw(cls, yaw_rad: float, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
         """A turn about +z by ``yaw_rad``, then a translation in metres."""
-        return cls(rotation_z(yaw_rad), np.asarray(translation_m, dtype=np.float64))
+        return cls(rotation_z(yaw_rad), as_array("translation_m", translation_m, np.float64, (3,)))
 
     @property
     def matrix(self) -> NDArray[np.float64]:

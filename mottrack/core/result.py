@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.checks import as_array
+from mottrack.core.checks import as_array, require_all, require_finite
 from mottrack.core.errors import InputError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
@@ -48,15 +48,14 @@ class SceneResult:
 
     def __post_init__(self) -> None:
         hull = as_array("hull_xy_m", self.hull_xy_m, np.float64, (None, 2))
+        require_finite("hull_xy_m", hull)
         object.__setattr__(self, "hull_xy_m", hull)
         corners = int(self.tracks.hull_corners.sum())
         if corners != len(hull):
             raise InputError("length of hull_xy_m", len(hull), str(corners))
         for name, table in (("truth", self.truth), ("tracks", self.tracks), ("flow", self.flow)):
-            if len(table) and not (0 <= table.frame.min() <= table.frame.max() < len(self.frames)):
-                raise InputError(
-                    f"{name}.frame", int(table.frame.max()), f"a row of {len(self.frames)} frames"
-                )
+            there = (table.frame >= 0) & (table.frame < len(self.frames))
+            require_all(f"{name}.frame", table.frame, there, f"one of {len(self.frames)} frames")
 
     @property
     def hulls(self) -> list[NDArray[np.float64]]:
@@ -117,3 +116,5 @@ class SceneResult:
             )
         except KeyError as error:
             raise ResultError(path, "content", f"without {error}", "every column") from error
+        except InputError as error:
+            raise ResultError(path, error.field, error.value, error.expected) from error

@@ -11,7 +11,8 @@ one after the other; nobody but ``save_snapshots`` and ``load_snapshots`` need k
     cells      (cells, 2) uint16, row and column in the grid
     flow_cmps  (cells, 2) int16, ego axes
     valid      (cells,) whether the source measured the cell
-    objects.*  (objects, ...) a column of ObjectTable each, in float32, world frame
+    objects.*  (objects, ...) a column of ObjectTable each, world frame; in float32 but for the
+               centres: map coordinates of 4e6 m would be off by a quarter of a metre
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from mottrack.core.tables import Columns, Table
 
 FORMAT = "mottrack snapshots 2"
 STEP = 0.01
-"""Positions are stored in centimetres, velocities in centimetres a second."""
+"""Points are stored in centimetres, the flow in centimetres a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,8 +136,8 @@ def save_snapshots(path: Path, snapshots: Sequence[Snapshot]) -> None:
     }
     for name in ObjectTable.COLUMNS:
         column = getattr(objects, name)
-        is_text = column.dtype.kind == "U"
-        arrays[f"objects.{name}"] = column if is_text else column.astype(np.float32)
+        whole = name in ("label", "centre_m")
+        arrays[f"objects.{name}"] = column if whole else column.astype(np.float32)
     write_arrays(path, arrays)
 
 

@@ -8,13 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.checks import as_array, as_stamp, require_finite
+from mottrack.core.checks import as_array, as_stamp, require_finite, require_instance
 from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
-
-
-def _no_offset() -> NDArray[np.float64]:
-    return np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +20,11 @@ class Sweep:
     The ego frame has x forward, y left, z up; its origin's height over the road differs from one
     data set to the next.
 
+    Arrays are not copied: whoever fills a buffer again with the next turn hands over a copy.
+
     Raises:
-        InputError: a shape is wrong, a number is not finite, reflectance outside [0, 1].
+        InputError: a shape is wrong, a number is not finite, reflectance outside [0, 1], or the
+            pose is no `Pose`.
     """
 
     xyz_m: NDArray[np.float32]
@@ -36,7 +35,7 @@ class Sweep:
     """Time to which the points are motion-compensated."""
     world_T_ego: Pose
     """Where the vehicle stood at ``stamp_ns``."""
-    origin_m: NDArray[np.float64] = field(default_factory=_no_offset)
+    origin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     """(3,) optical centre of the sensor in the ego frame: where the rays start."""
     time_offset_ns: NDArray[np.int64] | None = None
     """(N,) when each point was measured, relative to ``stamp_ns``; None where not recorded."""
@@ -48,6 +47,7 @@ class Sweep:
         n = len(xyz_m)
         reflectance = as_array("reflectance", self.reflectance, np.float32, (n,))
         origin_m = as_array("origin_m", self.origin_m, np.float64, (3,))
+        require_instance("world_T_ego", self.world_T_ego, Pose)
         require_finite("xyz_m", xyz_m)
         require_finite("reflectance", reflectance)
         require_finite("origin_m", origin_m)

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.checks import as_array, require_finite
+from mottrack.core.checks import as_array, require_all, require_finite
 from mottrack.core.frame import Frame
 from mottrack.core.objects import Tracks
 
@@ -39,8 +39,8 @@ class Table:
         Raises:
             InputError: a shape is wrong or a number is not finite.
         """
-        first = next(iter(self.COLUMNS))
-        n = len(np.asarray(getattr(self, first)))
+        first, (dtype, tail) = next(iter(self.COLUMNS.items()))
+        n = len(as_array(first, getattr(self, first), dtype, (None, *tail)))
         for name, (dtype, tail) in self.COLUMNS.items():
             array = as_array(name, getattr(self, name), dtype, (n, *tail))
             if np.issubdtype(array.dtype, np.floating) and name not in self.MAY_BE_NAN:
@@ -86,6 +86,18 @@ class FrameTable(Table):
     """(T, 4, 4) pose of the vehicle."""
     labelled_azimuth_rad: NDArray[np.float64]
     """(T, 2) right and left azimuth, ego frame, between which objects are labelled."""
+
+    def __post_init__(self) -> None:
+        """Checks every column, and that the stamps ascend.
+
+        Raises:
+            InputError: a shape is wrong, a number is not finite, or a stamp is not later than the
+                one before it.
+        """
+        Table.__post_init__(self)
+        later = np.ones(len(self), np.bool_)
+        later[1:] = self.stamp_ns[1:] > self.stamp_ns[:-1]
+        require_all("stamp_ns", self.stamp_ns, later, "later than the one before it")
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> FrameTable:

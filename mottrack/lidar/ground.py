@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.checks import as_array
 from mottrack.core.timing import part_of_stage
 
 _LOWEST = 4
@@ -60,9 +61,12 @@ def find_ground(xyz_m: NDArray[np.float32], config: GroundConfig | None = None) 
 
     The plane is the one that most low cells support, weighed against the cells that it would put
     below ground: it may lie anywhere below the sensor, at any slope up to `max_slope`.
+
+    Raises:
+        InputError: the shape is another.
     """
     config = config or GroundConfig()
-    points = np.array(xyz_m, dtype=np.float32)
+    points = np.array(as_array("xyz_m", xyz_m, np.float32, (None, 3)))
     cells = int(np.ceil(2 * config.reach_m / config.cell_m))
     low_m, counts = _low_points(points, config.reach_m, config.cell_m, cells)
     centre_m = (np.arange(cells) + 0.5) * config.cell_m - config.reach_m

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from mottrack.core.errors import InputError
+from mottrack.core.checks import as_array
 from mottrack.lidar.point_grid import PointGrid, build_point_grid
 
 _CELL_M = 2.0
@@ -37,18 +37,22 @@ class PointsInBoxes:
 
 
 def points_in_boxes(
-    xyz_m: NDArray[np.floating],
-    centre_m: NDArray[np.floating],
-    size_m: NDArray[np.floating],
-    yaw_rad: NDArray[np.floating],
+    xyz_m: ArrayLike,
+    centre_m: ArrayLike,
+    size_m: ArrayLike,
+    yaw_rad: ArrayLike,
     margin_m: float = 0.0,
 ) -> PointsInBoxes:
     """Points (N, 3) inside boxes of centre (B, 3), size l, w, h (B, 3) and yaw (B,), one frame.
 
-    `margin_m` grows each side. Raises `InputError` when the shapes disagree.
+    `margin_m` grows each side. Points are taken in float32: hand over a frame whose origin is
+    near, such as the ego frame.
+
+    Raises:
+        InputError: a shape is another, or the boxes are not as many as `yaw_rad`.
     """
     boxes = _boxes(centre_m, size_m, yaw_rad, margin_m)
-    points = np.array(xyz_m, dtype=np.float32, order="C")
+    points = as_array("xyz_m", xyz_m, np.float32, (None, 3))
     if len(points) == 0 or len(boxes) == 0:
         return PointsInBoxes(np.zeros(0, np.int64), np.zeros(len(boxes) + 1, np.int64))
     reach_m = float(np.max(np.abs(points[:, :2]))) + 1e-3
@@ -58,18 +62,12 @@ def points_in_boxes(
 
 
 def _boxes(
-    centre_m: NDArray[np.floating],
-    size_m: NDArray[np.floating],
-    yaw_rad: NDArray[np.floating],
-    margin_m: float,
+    centre_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike, margin_m: float
 ) -> NDArray[np.float64]:
-    count = len(yaw_rad)
-    if centre_m.shape != (count, 3) or size_m.shape != (count, 3):
-        raise InputError(
-            "centre_m, size_m", (centre_m.shape, size_m.shape), f"({count}, 3), as many as yaw_rad"
-        )
-    half_m = size_m / 2 + margin_m
-    return np.column_stack([centre_m, half_m, np.cos(yaw_rad), np.sin(yaw_rad)]).astype(np.float64)
+    yaw = as_array("yaw_rad", yaw_rad, np.float64, (None,))
+    centre = as_array("centre_m", centre_m, np.float64, (len(yaw), 3))
+    half_m = as_array("size_m", size_m, np.float64, (len(yaw), 3)) / 2 + margin_m
+    return np.column_stack([centre, half_m, np.cos(yaw), np.sin(yaw)])
 
 
 @njit(cache=True)

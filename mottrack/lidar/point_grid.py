@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mottrack.core.checks import as_array
 from mottrack.core.errors import InputError
 
 
@@ -38,14 +39,13 @@ class PointGrid(NamedTuple):
 def build_point_grid(xyz_m: NDArray[np.float32], cell_m: float, reach_m: float = 60.0) -> PointGrid:
     """Sort `xyz_m` (N, 3) into cells of `cell_m` metres over [-reach_m, reach_m] in x and y.
 
-    Raises `InputError` on a wrong shape, a cell size that is not positive or a reach that is not.
+    Raises:
+        InputError: the shape is another, or a cell size or reach is not positive.
     """
-    if xyz_m.ndim != 2 or xyz_m.shape[1] != 3:
-        raise InputError("xyz_m", xyz_m.shape, "(N, 3)")
+    points = np.array(as_array("xyz_m", xyz_m, np.float32, (None, 3)), order="C")
     if not cell_m > 0 or not reach_m > 0:
         raise InputError("cell_m, reach_m", (cell_m, reach_m), "positive metres")
     cells = int(np.ceil(2 * reach_m / cell_m))
-    points = np.array(xyz_m, dtype=np.float32, order="C")
     order, start = _counting_sort(points, -reach_m, cell_m, cells)
     return PointGrid(points[order], order, start, -reach_m, -reach_m, cell_m, cells, cells)
 

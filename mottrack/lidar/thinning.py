@@ -6,10 +6,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mottrack.core.checks import as_array
+
 
 def first_in_voxel(xyz_m: NDArray[np.float32], voxel_m: float) -> NDArray[np.int64]:
-    """Indices, ascending, of the first point of (N, 3) in each cubic voxel."""
-    return np.asarray(_first(np.array(xyz_m, dtype=np.float32), voxel_m))
+    """Indices, ascending, of the first point of (N, 3) in each cube of `voxel_m` metres.
+
+    Points farther than 2^20 voxels from the origin may share the voxel of another one.
+
+    Raises:
+        InputError: the shape is another.
+    """
+    points = np.array(as_array("xyz_m", xyz_m, np.float32, (None, 3)))
+    return np.asarray(_first(points, voxel_m))
 
 
 @njit(cache=True)

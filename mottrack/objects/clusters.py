@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
@@ -40,9 +40,11 @@ class ClustersConfig(StrictModel):
         description="map's raster or height map over sweeps; or RANSAC plane of each sweep",
     )
     min_height_m: float = Field(0.3, description="lowest kept height above ground")
-    max_height_m: float = Field(2.0, description="highest kept height above ground")
+    max_height_m: float = Field(2.0, description="highest kept height; above the lowest")
     min_range_m: float = Field(2.5, ge=0, description="nearer points lie on the vehicle itself")
-    reach_m: float = Field(50.0, gt=0, le=500, description="half side of the square looked at")
+    reach_m: float = Field(
+        50.0, gt=0, le=500, description="half side of the square looked at, along the world's axes"
+    )
     cell_m: float = Field(0.25, gt=0, le=5, description="side of an occupancy cell")
     join_cells: int = Field(1, ge=0, le=10, description="gaps of twice this many cells are bridged")
     min_points: int = Field(4, ge=1, description="smaller clusters are dropped")
@@ -51,6 +53,15 @@ class ClustersConfig(StrictModel):
     reference: ReferenceConfig = Field(default_factory=ReferenceConfig)
     terrain: TerrainConfig = Field(default_factory=TerrainConfig)
     plane: GroundConfig = Field(default_factory=GroundConfig)
+
+    @model_validator(mode="after")
+    def _band_has_a_height(self) -> Self:
+        if not self.min_height_m < self.max_height_m:
+            raise ValueError(
+                f"max_height_m is {self.max_height_m}, expected above min_height_m "
+                f"({self.min_height_m})"
+            )
+        return self
 
 
 class ClusterSource:

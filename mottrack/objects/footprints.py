@@ -17,11 +17,15 @@ def footprints(boxes: Boxes, margin_m: float, cell_m: float) -> tuple[F64, I64]:
     A row (7,) of the edges: outward normal (x, y) and offset, a point p is inside where
     `normal @ p <= offset` for all of its edges; then the footprint's bounds (low x, high x, low y,
     high y). Footprints grow by `margin_m`. A box thinner than a cell still owns the cells that its
-    middle runs through; a hull grows by half a cell, since its corners are points, not cells.
+    middle runs through; a hull grows by half a cell, since its corners are points, not cells. A
+    hull may run either way round; one of fewer than three corners gives way to the box.
     """
     hull = boxes.hull if isinstance(boxes, Objects | Tracks) else None
     if hull is None:
         return _edges(_box_corners(boxes, margin_m, cell_m), np.arange(len(boxes) + 1) * 4, 0.0)
+    if any(len(corners) < 3 for corners in hull):
+        box = _box_corners(boxes, 0.0, 0.0).reshape(-1, 4, 2)
+        hull = tuple(h if len(h) >= 3 else b for h, b in zip(hull, box, strict=True))
     start = np.concatenate([[0], np.cumsum([len(corners) for corners in hull])]).astype(np.int64)
     corners = np.concatenate(hull) if hull else np.zeros((0, 2))
     return _edges(corners, start, margin_m + cell_m / 2)
@@ -44,8 +48,12 @@ def _edges(corners: F64, start: I64, grow_m: float) -> tuple[F64, I64]:
     side = corners[following] - corners
     length = np.maximum(np.hypot(side[:, 0], side[:, 1]), 1e-12)
     normal = np.stack([side[:, 1], -side[:, 0]], axis=1) / length[:, None]
-    offset = np.einsum("ei,ei->e", normal, corners) + grow_m
     owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    if len(corners):
+        about = corners - corners[start[:-1]][owner]
+        area = np.add.reduceat(about[:, 0] * side[:, 1] - about[:, 1] * side[:, 0], start[:-1])
+        normal[(area < 0.0)[owner]] *= -1.0
+    offset = np.einsum("ei,ei->e", normal, corners) + grow_m
     bounds = np.zeros((len(start) - 1, 4))
     if len(corners):
         for axis in (0, 1):

@@ -40,6 +40,13 @@ def test_a_long_chain_of_turns_stays_a_rotation() -> None:
     assert np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max() < 1e-12
 
 
+def test_a_transposed_matrix_is_refused_instead_of_losing_its_translation() -> None:
+    matrix = Pose.from_yaw(0.3, (5.0, 6.0, 0.0)).matrix
+    assert Pose.from_matrix(matrix[:3]).translation_m.tolist() == [5.0, 6.0, 0.0]
+    with pytest.raises(InputError, match=r"last row of matrix is \[5.0, 6.0, 0.0, 1.0\]"):
+        Pose.from_matrix(matrix.T)
+
+
 @pytest.mark.parametrize(
     ("rotation", "translation", "words"),
     [

@@ -19,7 +19,7 @@ def snapshot(frame: int, rng: np.random.Generator) -> Snapshot:
     )
     objects = Objects(
         stamp_ns=frame,
-        centre_m=rng.normal((2000.0, -900.0, 1.0), size=(2, 3)),
+        centre_m=rng.normal((4e6, -9e5, 1.0), size=(2, 3)),
         size_m=np.array([[4.5, 1.9, 1.6], [0.7, 0.6, 1.7]]),
         yaw_rad=np.array([0.5, -3.0]),
         label=np.array(["car", "pedestrian"]),

@@ -95,6 +95,13 @@ def test_select_takes_every_column_along() -> None:
         ({"frame": "map"}, "frame is 'map', expected one of world, ego"),
         ({"stamp_ns": 1.5}, "stamp_ns is 1.5, expected an integer"),
         ({"velocity": VelocityMeasurement.absent(2)}, "length of velocity is 2"),
+        ({"velocity": np.zeros((3, 2))}, "velocity is of type ndarray, expected a Velocity"),
+        ({"centre_m": None}, r"shape of centre_m is \(\), expected \(N, 3\)"),
+        ({"centre_m": [[1, 2, 3], [4]]}, "centre_m is list, expected an array of float64"),
+        ({"label": ["car", None, "car"]}, r"label\[1\] is None, expected text"),
+        ({"num_points": [4, 1.5, 2]}, r"num_points\[1\] is 1.5, expected a whole number"),
+        ({"num_points": [4, np.nan, 2]}, r"num_points\[1\] is nan, expected a whole number"),
+        ({"hull": (np.eye(2), np.full((3, 2), np.inf), np.eye(2))}, r"hull\[1\]\[0, 0\] is inf"),
     ],
 )
 def test_what_are_no_objects_is_refused_by_name(change: dict[str, object], words: str) -> None:
@@ -103,8 +110,24 @@ def test_what_are_no_objects_is_refused_by_name(change: dict[str, object], words
 
 
 def test_an_identity_occurs_once_at_a_stamp() -> None:
-    with pytest.raises(InputError, match="no identity twice"):
-        replace(some_tracks(), id=np.array([7, 7]))
+    with pytest.raises(InputError, match="id is 7 for 2 tracks, expected no identity twice"):
+        replace(some_tracks(3), id=np.array([1, 7, 7]))
+
+
+def test_a_frame_and_a_sweep_want_a_pose_and_azimuths_that_ascend() -> None:
+    matrix = np.eye(4)
+    with pytest.raises(InputError, match="world_T_ego is of type ndarray, expected a Pose"):
+        Frame(0, matrix)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="world_T_ego is of type ndarray"):
+        Sweep(np.zeros((1, 3)), np.zeros(1), 0, matrix)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"labelled_azimuth_rad is \[2.5, -2.5\]"):
+        Frame(0, Pose.identity(), labelled_azimuth_rad=(2.5, -2.5))
+
+
+def test_the_frames_of_a_scene_are_in_order_of_time() -> None:
+    frames = [Frame(stamp, Pose.identity()) for stamp in (5, 9, 9)]
+    with pytest.raises(InputError, match=r"stamp_ns\[2\] is 9, expected later"):
+        FrameTable.of(frames)
 
 
 def test_a_velocity_with_a_negative_variance_is_refused_unless_masked() -> None:
@@ -137,10 +160,12 @@ def test_the_default_grid_is_the_papers_and_odd_extents_are_refused() -> None:
         BevGrid(cell_m=0.3)
 
 
-def test_a_field_of_another_shape_than_its_grid_is_refused() -> None:
+def test_a_field_of_another_shape_than_its_grid_or_with_odd_weights_is_refused() -> None:
     field = FlowField.empty(BevGrid(), 0)
     with pytest.raises(InputError, match="shape of velocity_mps"):
         replace(field, velocity_mps=np.zeros((2, 2, 2)))
+    with pytest.raises(InputError, match=r"range of weight is \[-2.0, -2.0\]"):
+        replace(field, weight=np.full((400, 400), -2.0))
 
 
 def test_a_sweep_refuses_nan_and_keeps_its_rays_when_moved() -> None:

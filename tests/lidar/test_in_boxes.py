@@ -50,5 +50,5 @@ def test_no_points_and_no_boxes():
 
 
 def test_shapes_must_agree():
-    with pytest.raises(InputError, match="as many as yaw_rad"):
-        points_in_boxes(np.zeros((5, 3)), np.zeros((2, 3)), np.ones((1, 3)), np.zeros(1))
+    with pytest.raises(InputError, match=r"shape of size_m is \(1, 3\), expected \(2, 3\)"):
+        points_in_boxes(np.zeros((5, 3)), np.zeros((2, 3)), np.ones((1, 3)), np.zeros(2))

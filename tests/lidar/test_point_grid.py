@@ -38,8 +38,10 @@ def test_points_outside_are_left_out():
 
 
 def test_a_wrong_shape_is_named():
-    with pytest.raises(InputError, match="xyz_m"):
-        build_point_grid(np.zeros((3, 2), np.float32), 0.5)
+    flat = np.zeros((3, 2), np.float32)
+    for use in (lambda: build_point_grid(flat, 0.5), lambda: first_in_voxel(flat, 0.5)):
+        with pytest.raises(InputError, match=r"shape of xyz_m is \(3, 2\), expected \(N, 3\)"):
+            use()
 
 
 def test_residual_of_the_true_shift_is_zero_and_icp_finds_it():

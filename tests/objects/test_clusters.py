@@ -136,6 +136,11 @@ def test_velocity_is_sampled_on_the_hull_by_both_rules() -> None:
     assert not measure_velocity(field, outside).valid[0]
 
 
+def test_a_height_band_that_holds_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"max_height_m is 0\.3, expected above min_height_m"):
+        ClustersConfig(min_height_m=0.3, max_height_m=0.3)
+
+
 class _Map:
     """Knows the ground where x is positive, 5 m too high."""
 

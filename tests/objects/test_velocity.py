@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -123,6 +125,17 @@ def test_a_pedestrian_thinner_than_a_cell_is_still_measured():
         field(lambda xy: np.array([1.0, 0.5])), boxes([(5.1, 3.1)], [0.3], (0.1, 0.1, 1.7))
     )
     assert measured.valid.all()
+
+
+def test_a_hull_either_way_round_and_a_box_for_a_hull_without_area():
+    left = GRID.centres_m()[..., 0] < 0
+    two = field(lambda xy: np.where(left[..., None], [0.0, 0.0], [8.0, 0.0]))
+    ring = np.array([[-10.0, -1.0], [-2.0, -1.0], [-2.0, 1.0], [-10.0, 1.0]])
+    empty = np.zeros((0, 2))
+    hulls = (ring, ring[::-1], empty, ring[:2], empty)
+    measured = measure_velocity(two, replace(boxes([(10, 0)] * 5, [0] * 5), hull=hulls))
+    assert measured.mean_mps[:, 0].tolist() == [0.0, 0.0, 8.0, 8.0, 8.0]
+    np.testing.assert_array_equal(measured.covariance_m2ps2[0], measured.covariance_m2ps2[1])
 
 
 def test_boxes_outside_the_grid_and_none_at_all():
