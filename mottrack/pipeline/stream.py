@@ -22,13 +22,13 @@ from mottrack.core.interfaces import (
     OfflineTracker,
     Tracker,
 )
-from mottrack.core.motion import FlowField
+from mottrack.core.motion import FlowField, VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.objects.velocity import measure_velocity
 from mottrack.pipeline.experiment import Experiment
-from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport
+from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes
 from mottrack.pipeline.plain_input import Detections, detections_of, pose_of, sweep_of
 from mottrack.pipeline.stopwatch import Stopwatch
 from mottrack.pipeline.stream_config import load_to_stream
@@ -186,6 +186,10 @@ class Pipeline:
         """Latency of the last steps (up to an hour's at 10 Hz) against the time for one."""
         return self._latency.report()
 
+    def step_times(self, period_s: float) -> StepTimes:
+        """The times behind `latency`, to be stored; ``period_s`` is that between two sweeps."""
+        return self._latency.times(period_s)
+
     def _check(self, frame: Frame, sweep: Sweep | None) -> None:
         if sweep is not None and sweep.stamp_ns != frame.stamp_ns:
             raise InputError(
@@ -223,8 +227,21 @@ class Pipeline:
             return objects
         in_ego = objects.transformed(frame.world_T_ego.inverse(), "ego")
         measured = measure_velocity(field, in_ego, self._velocity)
-        measured = measured.with_faults(faults_of(self.flow))
-        return objects.with_velocity(measured.rotated(frame.world_T_ego.yaw_rad))
+        measured = measured.with_faults(faults_of(self.flow)).rotated(frame.world_T_ego.yaw_rad)
+        return objects.with_velocity(joined(objects.velocity, measured))
+
+
+def joined(given: VelocityMeasurement | None, flow: VelocityMeasurement) -> VelocityMeasurement:
+    """Velocities that came with the objects (a radar's, a detector's) and those of the flow.
+
+    Faults are one statement for all rows: where any row rests on the flow alone, the flow's.
+    """
+    if given is None or not given.valid.any():
+        return flow
+    if not flow.valid.any():
+        return given
+    fused = fuse_velocities([given, flow])
+    return fused.with_faults(flow.faults) if (flow.valid & ~given.valid).any() else fused
 
 
 def faults_of(source: object) -> VelocityFaults:

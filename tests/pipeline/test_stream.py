@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import mottrack
-from mottrack import Pipeline, Pose
+from mottrack import Pipeline, Pose, VelocityMeasurement
 from mottrack.core import ConfigError, Frame, InputError, Sweep, TrackTable
+from mottrack.core.faults import FLOW_FAULTS, SOUND
 from mottrack.pipeline.scene_run import run_scene
+from mottrack.pipeline.stream import joined
 from mottrack.pipeline.stream_config import load_to_stream
 
 WORLD = ("dataset.scenes=1", "dataset.seed=5", "dataset.duration_s=1.2", "dataset.key_hz=5")
@@ -103,6 +105,39 @@ def ahead(x_m: float, **changes: object) -> dict[str, object]:
         "label": ["car"],
         "score": [0.9],
     } | changes
+
+
+RADAR = VelocityMeasurement(np.array([[5.0, 1.0]]), np.array([0.04 * np.eye(2)]), np.array([True]))
+
+
+def test_a_velocity_that_comes_with_a_detection_reaches_the_tracker_beside_the_flow() -> None:
+    pipeline = Pipeline.from_config("demo", "flow=zero")
+    points = np.random.default_rng(0).uniform(-30, 30, (2000, 3))
+    for k in range(2):  # at the second step there is a pair of sweeps, and a field
+        found = ahead(10.0 + 0.5 * k, velocity=RADAR)
+        step = pipeline.feed(k * 10**8, points, np.eye(4), found)
+    assert step.field is not None
+    np.testing.assert_allclose(step.objects.velocity.mean_mps, RADAR.mean_mps)
+
+
+def test_velocities_of_two_sources_are_joined_and_one_alone_keeps_its_faults() -> None:
+    flow = RADAR.with_faults(FLOW_FAULTS)
+    both = joined(RADAR, flow)
+    np.testing.assert_allclose(both.covariance_m2ps2, RADAR.covariance_m2ps2 / 2)
+    assert both.faults == SOUND
+    nothing = VelocityMeasurement.absent(1)
+    assert joined(None, flow) is joined(nothing, flow) is flow
+    assert joined(RADAR, nothing.with_faults(FLOW_FAULTS)) is RADAR
+    first, second = (
+        VelocityMeasurement(
+            np.repeat(RADAR.mean_mps, 2, axis=0),
+            np.repeat(RADAR.covariance_m2ps2, 2, axis=0),
+            np.array(valid),
+            faults,
+        )
+        for valid, faults in (([True, False], SOUND), ([True, True], FLOW_FAULTS))
+    )
+    assert joined(first, second).faults == FLOW_FAULTS
 
 
 @pytest.mark.parametrize("flow", ["zero", "icp_one_start", "dogma"])
