@@ -19,11 +19,12 @@ from mottrack.paper.ball_figure import draw_ball
 from mottrack.paper.plan import WORLD
 from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
 from mottrack.paper.results import Results, StudyResult
+from mottrack.pipeline.run_folder import RunFolder
 from mottrack.viz.flow_comparison import flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 
 TRUTH = "ground_truth"
-TITLES = {NONE: "Without velocities", PILLARFLOW: "With PillarFlow"}
+TITLES = {NONE: "Without flow", PILLARFLOW: "With PillarFlow"}
 SCENES_SHOWN = 2
 DPI = 130
 
@@ -102,19 +103,17 @@ def _ball(study: StudyResult) -> Drawn:
     scenes = _scenes(study, PILLARFLOW)
     if not scenes:
         return None
-    results = {
-        LABELS[v]: folder.load(scenes[0])
-        for v, folder in study.folders.items()
-        if folder.scene_file(scenes[0]).exists()
+    runs = {
+        TITLES[variant].lower(): _loaded(study.folders[variant], scenes[0])
+        for variant in (NONE, PILLARFLOW)
     }
-    drawn = draw_ball(results)
+    drawn = draw_ball(runs)
     if drawn is None:
         return None
-    figure, label = drawn
+    figure, told = drawn
     caption = (
-        f"Figure 5, out-of-ontology object (the paper throws a ball). Here: {label}, of which "
-        "neither the detector nor the labels know, as the tracker sees it without and with "
-        "measured velocities."
+        "Figure 5, out-of-ontology object (the paper throws a ball, which neither the detector nor "
+        f"the labels know). {told}"
     )
     return figure, caption
 
@@ -146,6 +145,10 @@ def _busy_scenes(study: StudyResult, variant: str, count: int) -> list[str]:
 
 def _last_snapshot(study: StudyResult, variant: str, scene: str) -> Snapshot:
     return load_snapshots(study.folders[variant].snapshots_file(scene))[-1]
+
+
+def _loaded(folder: RunFolder, scene: str) -> tuple[SceneResult, list[Snapshot]]:
+    return folder.load(scene), load_snapshots(folder.snapshots_file(scene))
 
 
 def _panel(title: str, result: SceneResult, shot: Snapshot) -> IntegrationPanel:
