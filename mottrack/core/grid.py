@@ -51,6 +51,11 @@ class BevGrid:
         width = round((self.x_max_m - self.x_min_m) / self.cell_m)
         return height, width
 
+    @property
+    def reach_m(self) -> float:
+        """Distance from the vehicle to the farthest side, in metres."""
+        return max(abs(self.x_min_m), abs(self.x_max_m), abs(self.y_min_m), abs(self.y_max_m))
+
     def cells(
         self, xy_m: NDArray[np.floating[Any]]
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:

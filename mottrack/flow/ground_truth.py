@@ -49,6 +49,7 @@ class GroundTruthFlow:
     ) -> None:
         self.config = config or GroundTruthConfig()
         self.grid = grid or BevGrid()
+        self._ground = self.config.ground.reaching(self.grid)
         self._truth: list[Truth] = []
 
     def observe(self, frame: Frame) -> None:
@@ -67,7 +68,7 @@ class GroundTruthFlow:
             InputError: ``current`` is not later than ``previous``.
         """
         elapsed_seconds(previous, current)
-        kept, _ = keep_points(current, self.config.ground)
+        kept, _ = keep_points(current, self._ground)
         occupied = self.grid.occupancy(kept.xyz_m)
         if not self._truth or self._truth[-1].stamp_ns != current.stamp_ns:
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)

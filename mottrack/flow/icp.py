@@ -82,6 +82,7 @@ class IcpFlow:
     def __init__(self, config: IcpConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or IcpConfig()
         self.grid = grid or BevGrid()
+        self._ground = self.config.ground.reaching(self.grid)
         self._boxes: Boxes | None = None
         self._memory: _Memory | None = None
 
@@ -100,8 +101,8 @@ class IcpFlow:
             InputError: ``current`` is not later than ``previous``.
         """
         elapsed_s = elapsed_seconds(previous, current)
-        kept, _ = keep_points(current, self.config.ground)
-        then, _ = keep_points(previous, self.config.ground)
+        kept, _ = keep_points(current, self._ground)
+        then, _ = keep_points(previous, self._ground)
         previous_m = then.seen_from(current).xyz_m
         boxes = self._current_boxes(current)
         if boxes is None or len(previous_m) < self.config.min_points or len(kept) == 0:

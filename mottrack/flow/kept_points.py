@@ -7,18 +7,30 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.grid import BevGrid
 from mottrack.core.sweep import Sweep
 from mottrack.lidar.ground import GroundConfig, find_ground
 
 
 class GroundStage(StrictModel):
-    """Which points are kept, by their height above the ground and their range."""
+    """Which points are kept, by their height above the ground and their range.
+
+    Ground is looked for, and points are kept, as far as `find.reach_m`, or as the grid reaches if
+    that is farther.
+    """
 
     enabled: bool = Field(True, description="remove the ground; off keeps every point in range")
     min_height_m: float = Field(0.3, description="lowest kept height above ground")
     max_height_m: float = Field(2.5, description="highest kept height above ground")
     min_range_m: float = Field(2.5, ge=0, description="nearer points lie on the vehicle itself")
     find: GroundConfig = Field(default_factory=GroundConfig)
+
+    def reaching(self, grid: BevGrid) -> GroundStage:
+        """The same settings, with a reach that leaves no cell of the grid out."""
+        if grid.reach_m <= self.find.reach_m:
+            return self
+        find = self.find.model_copy(update={"reach_m": grid.reach_m})
+        return self.model_copy(update={"find": find})
 
 
 def keep_points(sweep: Sweep, stage: GroundStage) -> tuple[Sweep, NDArray[np.float32]]:

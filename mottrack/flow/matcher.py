@@ -39,6 +39,8 @@ class MatchConfig(StrictModel):
 
 _SIGMA_M = 0.025
 """Noise of a registration that fits perfectly: range noise and the sampling of the surface."""
+_LAID_OVER = 40
+"""Points of a component that the correlation lays over the distance map."""
 _COST_SHARE = 0.4
 """Standard deviation of one coordinate of a shift, as a share of what it leaves unexplained."""
 
@@ -58,7 +60,7 @@ class Matches:
     significance: NDArray[np.float64]
     """(K,) standard errors by which the best shift explains the points better than rest."""
     rest_cost_m: NDArray[np.float64]
-    """(K,) the same of no shift."""
+    """(K,) mean capped distance, both ways, of no shift."""
     compared: NDArray[np.int64]
     """(K,) points, of both sweeps, that the cost of rest is the mean of; hidden ones left out."""
     points: NDArray[np.int64]
@@ -85,8 +87,6 @@ class Labels:
 
 Starts = tuple[NDArray[np.float64], NDArray[np.int64]]
 """(S, 2) shifts in metres sorted by component, and the (K + 1,) first one of each."""
-
-
 _Sorted = tuple[MatchScene, NDArray[np.int64], NDArray[np.int64]]
 
 
@@ -196,10 +196,6 @@ class Matcher:
             distance, cells, spans, wanted, (reach, self.config.starts, _LAID_OVER)
         )
         return shifts[:, ::-1] * self.config.cell_m, first
-
-
-_LAID_OVER = 40
-"""Points of a component that the correlation lays over the distance map."""
 
 
 def _reach(prepared: Prepared) -> float:

@@ -1,10 +1,10 @@
 """Where a component of the current sweep was in the previous one, and how sure that is.
 
 A hypothesis is a planar motion: current point `p` was at `R (p - c) + c + s`, with a shift `s` and
-a turn about the component's centre `c`. Its cost is what it leaves
-unexplained, in both directions: the mean capped distance of the shifted component to the previous
-points, and of the previous points in the shifted footprint to the component. A point without a
-partner costs nothing where the other sweep could not see it.
+a turn about the component's centre `c`. Its cost is what it leaves unexplained, in both
+directions: the mean capped distance of the shifted component to the previous points, and of the
+previous points in the shifted footprint to the component. A point without a partner costs nothing
+where the other sweep could not see it.
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ _PRIOR = 0.015
 _PRIOR_POINTS = 0.3
 """Metres of cost per metre of shift, and the same for one point, of a sweep each 0.1 s."""
 _FASTEST_M = 4.0
+"""Longest shift of a sweep each 0.1 s; the prior of a longer search is spread over its length."""
 _LEAST_VARIANCE_M2 = 0.01**2
 """No range measurement is better than a centimetre."""
-_FINE = 1
-"""Times more points for the finer search."""
 _WORTH_POLISHING = 0.9
 """Cost of the best start over the cost of rest, at most, for a finer search."""
 _TURN_POINTS = 40
@@ -209,8 +208,6 @@ def match_components(
         bounds = (rest[k, 0], rest[k, 1], limits[1])
         motion, cost = _best(scene, chosen, (k, stride), candidates, bounds)
         if cost < _WORTH_POLISHING * rest[k, 0]:
-            chosen, stride = _chosen(points_m, spans, k, _FINE * limits[0])
-            cost, _ = hypothesis_cost(scene, chosen, (k, stride), motion)
             motion, cost = _polish(scene, chosen, (k, stride), (motion, cost), limits[3])
             result[k, 6] = significance(scene, chosen, motion)
         result[k, :5], result[k, 5] = motion, cost

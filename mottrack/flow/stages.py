@@ -71,7 +71,7 @@ class Stages:
         self.config = config or StagesConfig()
         self.grid = grid or BevGrid()
         self._refiner = Refiner(self.config.refine)
-        self._work = RecentWork(self.config.ground)
+        self._work = RecentWork(self.config.ground.reaching(self.grid))
 
     def before(self, previous: Sweep, current: Sweep) -> Prepared:
         """Removes ground and ego motion from two sweeps, each in its own ego frame.

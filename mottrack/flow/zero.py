@@ -29,6 +29,7 @@ class ZeroFlow:
     def __init__(self, config: ZeroConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or ZeroConfig()
         self.grid = grid or BevGrid()
+        self._ground = self.config.ground.reaching(self.grid)
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
         """The occupied cells of ``current``, none of them valid.
@@ -37,7 +38,7 @@ class ZeroFlow:
             InputError: ``current`` is not later than ``previous``.
         """
         elapsed_seconds(previous, current)
-        kept, _ = keep_points(current, self.config.ground)
+        kept, _ = keep_points(current, self._ground)
         return FlowField.unmeasured(self.grid, self.grid.occupancy(kept.xyz_m), current.stamp_ns)
 
     def reset(self) -> None:

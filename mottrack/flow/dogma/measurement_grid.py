@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.flow.dogma.polar import Blind, PolarView, polar_view
+from mottrack.flow.dogma.polar import Blind, free_reach_m
 from mottrack.flow.dogma.returns import OBSTACLE, Returns
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Span, Workers
@@ -70,7 +70,7 @@ def measure(
     mass takes its share of what the returns left, so the masses never exceed one.
     """
     blind = Blind(config.widest_gap_rad, config.no_return_free_m)
-    view = polar_view(returns.xy_m, returns.kind, config.azimuth_bins, blind)
+    reach_m = free_reach_m(returns.xy_m, returns.kind, config.azimuth_bins, blind)
     beams = _Beams(
         (returns.centre_m - window.corner_m).astype(np.float32),
         ((1 - config.occupied_mass) ** (np.arange(_MOST_SIXTHS + 1) / 6)).astype(np.float32),
@@ -82,7 +82,7 @@ def measure(
     spread_m = np.float32(config.range_noise_m * np.sqrt(3))
     _count_hits(returns, window, beams.centre_m, spread_m, hits)
     measured = MeasurementGrid(*(np.zeros(window.shape, np.float32) for _ in range(2)))
-    workers.run(_masses, window.rows, (view, beams), window, hits, measured)
+    workers.run(_masses, window.rows, (reach_m, beams), window, hits, measured)
     return measured
 
 
@@ -112,12 +112,12 @@ def _count_hits(
 @njit(cache=True, nogil=True)
 def _masses(
     rows: Span,
-    sensor: tuple[PolarView, _Beams],
+    sensor: tuple[NDArray[np.float32], _Beams],
     window: Window,
     hits: NDArray[np.int32],
     measured: MeasurementGrid,
 ) -> None:
-    view, beams = sensor
+    reach_m, beams = sensor
     most = len(beams.unknown) - 1
     for row in range(rows[0], rows[1]):
         y_m = (row + 0.5) * window.cell_m - beams.centre_m[1]
@@ -126,15 +126,15 @@ def _masses(
             unknown = beams.unknown[min(hits[row, col], most)]
             measured.occupied[row, col] = 1 - unknown
             range_m = np.sqrt(x_m * x_m + y_m * y_m)
-            if range_m < beams.max_range_m and _seen_free(x_m, y_m, window.cell_m, view):
+            if range_m < beams.max_range_m and _seen_free(x_m, y_m, window.cell_m, reach_m):
                 fall = (beams.far - beams.near) * range_m / beams.max_range_m
                 measured.free[row, col] = unknown * (beams.near + fall)
 
 
 @njit(cache=True, nogil=True)
-def _seen_free(x_m: float, y_m: float, cell_m: float, view: PolarView) -> bool:
+def _seen_free(x_m: float, y_m: float, cell_m: float, reach_m: NDArray[np.float32]) -> bool:
     """Whether every direction that crosses the cell is free to the cell's far side."""
-    bins = len(view.reach_m)
+    bins = len(reach_m)
     per_rad = np.float32(bins / (2 * np.pi))
     half_m = np.float32(0.5 * cell_m)
     range_m = np.float32(np.sqrt(x_m * x_m + y_m * y_m))
@@ -144,7 +144,7 @@ def _seen_free(x_m: float, y_m: float, cell_m: float, view: PolarView) -> bool:
     b = first + bins if first < 0 else first
     for _ in range(int(np.floor(middle + half)) - first + 1):
         b = b - bins if b >= bins else b
-        if view.reach_m[b] < range_m + half_m:
+        if reach_m[b] < range_m + half_m:
             return False
         b += 1
     return True

@@ -11,15 +11,6 @@ from numpy.typing import NDArray
 from mottrack.flow.dogma.returns import GROUND, OBSTACLE, OWN
 
 
-class PolarView(NamedTuple):
-    """Free reach per azimuth bin, around the sensor's optical centre; bin 0 begins at -pi."""
-
-    reach_m: NDArray[np.float32]
-    """(A,) seen free up to here."""
-    looked: NDArray[np.bool_]
-    """(A,) whether the sensor looked this way, with or without a return."""
-
-
 class Blind(NamedTuple):
     """What to make of directions without a return."""
 
@@ -29,18 +20,19 @@ class Blind(NamedTuple):
     """Free reach where the sensor looked and nothing came back."""
 
 
-def polar_view(
+def free_reach_m(
     xy_m: NDArray[np.float32], kind: NDArray[np.uint8], bins: int, blind: Blind
-) -> PolarView:
-    """The first obstacle of each direction ends its free reach; else the farthest ground point.
+) -> NDArray[np.float32]:
+    """(A,) how far each azimuth bin is seen free from the optical centre; bin 0 begins at -pi.
 
-    `xy_m` (N, 2) are relative to the optical centre, `kind` (N,) says what they are.
-    Where a direction inside the field of view shows neither, it is free as far as `blind` says.
+    The first obstacle of a direction ends its free reach, else the farthest ground point. `xy_m`
+    (N, 2) are relative to the optical centre, `kind` (N,) says what they are. Where a direction
+    inside the field of view shows neither, it is free as far as `blind` says.
     """
     first_m, ground_m, hit = _extremes(xy_m, kind, bins)
     looked = ~_wide_gaps(hit, round(blind.widest_gap_rad / (2 * np.pi) * bins))
     open_m = np.maximum(ground_m, np.where(looked, np.float32(blind.no_return_free_m), 0))
-    return PolarView(np.where(np.isinf(first_m), open_m, first_m).astype(np.float32), looked)
+    return np.asarray(np.where(np.isinf(first_m), open_m, first_m), np.float32)
 
 
 def _wide_gaps(hit: NDArray[np.bool_], widest: int) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
+from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
@@ -22,6 +23,7 @@ from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
 from mottrack.flow.dogma.returns import OBSTACLE, returns_of
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
+from mottrack.flow.elapsed import elapsed_seconds
 from mottrack.flow.kept_points import GroundStage
 
 REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
@@ -37,29 +39,29 @@ class ContinuityConfig(StrictModel):
     )
 
 
+class DogmaConfig(StrictModel):
+    """Parameters of every stage; the defaults are for 10 Hz sweeps and 0.25 m cells."""
+
+    ground: GroundStage = GroundStage()
+    sensor: SensorConfig = SensorConfig()
+    filter: FilterConfig = FilterConfig()
+    readout: ReadoutConfig = ReadoutConfig()
+    continuity: ContinuityConfig = ContinuityConfig()
+    threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
+
+
 class DogmaFlow:
-    """The recursive rival of two-frame flow: a particle filter that lives through a scene.
+    """The recursive rival of two-frame flow: a particle filter that lives through a scene."""
 
-    Raises:
-        InputError: see `estimate`.
-    """
-
-    class Config(StrictModel):
-        """Parameters of every stage; the defaults are for 10 Hz sweeps and 0.25 m cells."""
-
-        ground: GroundStage = GroundStage()
-        sensor: SensorConfig = SensorConfig()
-        filter: FilterConfig = FilterConfig()
-        readout: ReadoutConfig = ReadoutConfig()
-        continuity: ContinuityConfig = ContinuityConfig()
-        threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
-
+    Config = DogmaConfig
+    faults = FLOW_FAULTS
     stateful = True
     """Each estimate builds on all sweeps before it."""
 
-    def __init__(self, config: Config | None = None, *, grid: BevGrid | None = None) -> None:
-        self.config = config or self.Config()
+    def __init__(self, config: DogmaConfig | None = None, *, grid: BevGrid | None = None) -> None:
+        self.config = config or DogmaConfig()
         self.grid = grid or BevGrid()
+        self._ground = self.config.ground.reaching(self.grid)
         self._workers = Workers(min(self.config.threads, os.cpu_count() or 1))
         self.reset()
 
@@ -94,10 +96,7 @@ class DogmaFlow:
             InputError: `current` is not later than `previous` and than every sweep before, or
                 time or the ego vehicle jumps by more than `continuity` allows.
         """
-        if current.stamp_ns <= previous.stamp_ns:
-            raise InputError(
-                "current.stamp_ns", current.stamp_ns, f"> {previous.stamp_ns}, the previous sweep's"
-            )
+        elapsed_seconds(previous, current)
         if self._last is None or previous.stamp_ns > self._last.stamp_ns:
             self._take_in(previous)
         return self._take_in(current)
@@ -105,7 +104,7 @@ class DogmaFlow:
     def _take_in(self, sweep: Sweep) -> FlowField:
         """One cycle: sweep -> returns -> measurement grid -> filter -> flow field."""
         dt_s = self._elapsed_s(sweep)
-        returns = returns_of(sweep, self.config.ground)
+        returns = returns_of(sweep, self._ground)
         window = self._window(sweep)
         measured = measure(returns, window, self.config.sensor, self._workers)
         self._map = self._filter.step(measured, window, dt_s)
@@ -120,10 +119,9 @@ class DogmaFlow:
 
     def _window(self, sweep: Sweep) -> Window:
         """A square around the vehicle that reaches as far as the ego grid's farthest side."""
-        grid = self.grid
-        reach_m = max(abs(grid.x_min_m), abs(grid.x_max_m), abs(grid.y_min_m), abs(grid.y_max_m))
+        cell_m = self.grid.cell_m
         x_m, y_m = sweep.world_T_ego.translation_m[:2]
-        return Window.around(x_m, y_m, 2 * math.ceil(reach_m / grid.cell_m), grid.cell_m)
+        return Window.around(x_m, y_m, 2 * math.ceil(self.grid.reach_m / cell_m), cell_m)
 
     def _elapsed_s(self, sweep: Sweep) -> float:
         """Seconds since the last sweep; the reference period at the start of a scene.

@@ -46,8 +46,8 @@ def receptive_field_m(config: NetworkConfig) -> float:
 
 def check_reach(config: NetworkConfig, *, speed_mps: float, elapsed_s: float) -> None:
     """Raise InputError if an object this fast leaves the reach or the field within `elapsed_s`."""
-    wanted_m = speed_mps * elapsed_s
+    wanted_m, field_m = speed_mps * elapsed_s, receptive_field_m(config)
     if wanted_m > reach_m(config):
         raise InputError("reach", f"{reach_m(config)} m", f">= {wanted_m} m")
-    if 2 * wanted_m > receptive_field_m(config):
-        raise InputError("receptive field", f"{receptive_field_m(config)} m", f">= {2 * wanted_m}")
+    if 2 * wanted_m > field_m:
+        raise InputError("receptive field", f"{field_m} m", f">= {2 * wanted_m} m")

@@ -135,7 +135,9 @@ def test_folded_inference_equals_the_trained_network() -> None:
 def test_next_to_nothing_gives_a_defined_field(file: Path, count: int) -> None:
     source, some = _source(file), _sweep(100_000_000, 1)
     little = replace(_sweep(0), xyz_m=some.xyz_m[:count], reflectance=some.reflectance[:count])
-    assert not source.estimate(little, some).valid.any() or count
+    field = source.estimate(little, some)
+    assert field.occupied.any()
+    assert count or not field.valid.any()
     late = replace(little, stamp_ns=200_000_000)
     field = source.estimate(some, late)
     assert field.occupied.sum() <= count
