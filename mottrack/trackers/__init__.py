@@ -1,7 +1,7 @@
 """Trackers: Kalman banks on detections, fixed-lag smoothing on clusters.
 
-TRACKERS names every tracker a configuration can ask for; nothing behind the table is imported
-before it is asked for.
+TRACKERS names every tracker that a configuration can ask for. The fixed-lag tracker is imported
+when it is asked for, since it brings libraries of its own.
 """
 
 from mottrack.trackers.kalman import KalmanTracker

@@ -27,6 +27,8 @@ class TrackBook:
     """Belief that there is an object, from all its scores."""
     hits: I64
     """Detections so far, in total."""
+    confirmed: NDArray[np.bool_]
+    """Whether it has ever had as many as it takes to be put out."""
     misses: I64
     """Steps since the last detection."""
     born_ns: I64
@@ -41,10 +43,8 @@ class TrackBook:
     @classmethod
     def empty(cls) -> TrackBook:
         """No track."""
-        floats = {"score", "score_sum", "confidence"}
-        return cls(
-            **{f.name: np.empty(0, float if f.name in floats else np.int64) for f in fields(cls)}
-        )
+        nothing = np.empty(0, np.int64)
+        return newborn(0, nothing, nothing.astype(np.float64), 0)
 
     def __len__(self) -> int:
         return len(self.id)
@@ -71,6 +71,7 @@ def newborn(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackBook:
         score_sum=score.copy(),
         confidence=np.clip(score, 0.0, 1.0),
         hits=np.ones(n, np.int64),
+        confirmed=np.zeros(n, np.bool_),
         misses=np.zeros(n, np.int64),
         born_ns=np.full(n, stamp_ns, np.int64),
         seen_ns=np.full(n, stamp_ns, np.int64),

@@ -15,6 +15,9 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+ROUNDING = 1e-6
+"""Three tenths of a second are three steps of a tenth, whatever the quotient rounds to."""
+
 
 class LifeConfig(StrictModel):
     """Birth, output and death. A track lives while either of its two limits allows it."""
@@ -62,7 +65,7 @@ class Life:
     def begin(self, book: TrackBook, present: I64, classes: int, elapsed_s: float) -> None:
         """Begins a step: every active track is missed until a detection says otherwise."""
         config = self._config
-        self._min_hits = max(config.min_hits, 1 + int(config.confirm_s / elapsed_s))
+        self._min_hits = max(config.min_hits, 1 + int(config.confirm_s / elapsed_s + ROUNDING))
         book.misses += self.active(book.label, present)
         book.source[:] = -1
         self._steps = np.concatenate([self._steps, np.zeros(classes - len(self._steps), np.int64)])
@@ -72,9 +75,14 @@ class Life:
             self._steps += 1
 
     def shown(self, book: TrackBook, present: I64, stamp_ns: int) -> Mask:
-        """Tracks that are put out: old enough, or in the first steps, and not missed for long."""
+        """Tracks that are put out: confirmed, or in the first steps, and not missed for long.
+
+        Once confirmed stays confirmed: two steps that come close together ask for more detections
+        than any track has, and must not hide them all.
+        """
         config = self._config
-        grown = (book.hits >= self._min_hits) | (self._steps[book.label] <= self._min_hits)
+        book.confirmed |= book.hits >= self._min_hits
+        grown = book.confirmed | (self._steps[book.label] <= self._min_hits)
         fresh = book.misses <= config.output_misses
         fresh |= self._within(book, stamp_ns, config.output_coast_s)
         return grown & fresh & self.active(book.label, present)

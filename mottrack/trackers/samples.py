@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.objects import Boxes, Objects, Truth
 from mottrack.trackers.association import candidate_pairs, centre_distance_m, hungarian
@@ -71,7 +72,13 @@ class PairCollector:
         )
 
     def pairs(self) -> Pairs:
-        """Everything gathered so far."""
+        """Everything gathered so far.
+
+        Raises:
+            InputError: no frame was added.
+        """
+        if not self._frames:
+            raise InputError("frames with detections and truth", 0, "at least one")
         names = [item.name for item in fields(Pairs)]
         return Pairs(*(np.concatenate([getattr(f, n) for f in self._frames]) for n in names))
 

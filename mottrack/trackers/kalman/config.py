@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,14 @@ from mottrack.trackers.kalman.presets import PRESETS
 from mottrack.trackers.lifecycle import LifeConfig
 
 Motion = Literal["cv", "ca", "ctrv", "bicycle", "imm"]
-Variance = tuple[float, ...]
+Variance = tuple[Annotated[float, Field(ge=0)], ...]
+Positive = Annotated[float, Field(gt=0)]
 
 
 class ClassNoise(StrictModel):
     """Noise of one class: diagonal variances in SI units (per frame where `time` is frames)."""
 
-    observation: Variance = Field(
+    observation: tuple[Positive, ...] = Field(
         min_length=7, max_length=7, description="R: variances of observed x, y, z, yaw, l, w, h"
     )
     initial: Variance = Field(
@@ -75,7 +76,10 @@ class VelocityConfig(StrictModel):
     @model_validator(mode="after")
     def _some_are_sound(self) -> Self:
         if (self.lost_share or 0.0) + (self.gross_share or 0.0) >= 1.0:
-            raise ValueError("lost_share and gross_share leave no sound velocity")
+            raise ValueError(
+                f"lost_share + gross_share is {self.lost_share} + {self.gross_share}, "
+                "expected less than 1: some velocities are sound"
+            )
         return self
 
     @model_validator(mode="after")
@@ -103,7 +107,7 @@ class AssociationConfig(StrictModel):
         gt=0,
         description="density of new and false detections; a pair must be likelier than a stray",
     )
-    strays_per_m2: dict[str, float] = Field(
+    strays_per_m2: dict[str, Positive] = Field(
         default_factory=dict, description="that density by class, where `stray_per_m2` is given"
     )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
@@ -114,7 +118,7 @@ class AssociationConfig(StrictModel):
         "greedy", description="assignment of the gated pairs"
     )
     gate: float = Field(11.0, gt=0, description="largest cost of a pair (sigma, metres, 1 - IoU)")
-    gates: dict[str, float] = Field(default_factory=dict, description="gate by class")
+    gates: dict[str, Positive] = Field(default_factory=dict, description="gate by class")
     max_distance_m: float = Field(
         1e3, gt=0, description="largest distance of the centres along x and along y"
     )

@@ -11,10 +11,7 @@ BOX = slice(0, 7)
 MOVING = slice(0, 4)
 RATE = slice(7, 11)
 VELOCITY = slice(7, 9)
-YAW_RATE = 10
-ACCELERATION = slice(11, 13)
 PLANAR = [0, 1, 7, 8]
-AXIAL = [2, 3, 4, 5, 6]
 
 BOX_SIZE = 7
 CV_SIZE = 11

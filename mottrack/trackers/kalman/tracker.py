@@ -26,6 +26,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 FLIP_LIMIT = 3
+"""Votes that a heading can gather: more detections than this turn any box round."""
 
 
 class KalmanTracker:
