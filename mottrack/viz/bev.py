@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.patches import FancyArrow
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
@@ -18,6 +19,8 @@ from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.viz.colour_wheel import bold_flow_to_rgb
 
 FULL_COLOUR_MPS = 15.0
+STILL_MPS = 0.3
+"""A slower cell is drawn in grey, at rest."""
 MOST_POINTS, FEW_POINTS = 40_000, 10_000
 TRUTH_COLOUR, TRACK_COLOUR, POINT_COLOUR = "#2e9e5b", "#c2410c", "#9ca3af"
 
@@ -79,7 +82,7 @@ def draw_flow(axes: Axes, snapshot: Snapshot) -> None:
     corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
     cells = snapshot.xy_m[:, None, :] + corners
     colours = bold_flow_to_rgb(snapshot.velocity_mps, FULL_COLOUR_MPS)
-    moving = snapshot.valid & (np.hypot(*snapshot.velocity_mps.T) > 0.3)
+    moving = snapshot.valid & (np.hypot(*snapshot.velocity_mps.T) > STILL_MPS)
     still = PolyCollection(list(cells[~moving]), facecolors="#4b5563", linewidths=0, zorder=2)
     axes.add_collection(still)
     colour = PolyCollection(
@@ -137,9 +140,7 @@ def draw_velocities(axes: Axes, tracks: TrackTable, ego_T_world: Pose) -> None:
         axes.annotate(str(identity), centre, **NUMBER)
 
 
-def _ego_marker() -> Any:
-    from matplotlib.patches import FancyArrow
-
+def _ego_marker() -> FancyArrow:
     return FancyArrow(
         -1.5, 0, 3, 0, width=0.6, head_width=1.8, length_includes_head=True, color="black", zorder=7
     )

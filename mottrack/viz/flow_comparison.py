@@ -18,15 +18,13 @@ from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.snapshot import Snapshot
-from mottrack.viz.colour_wheel import flow_to_rgb
+from mottrack.viz.colour_wheel import bold_flow_to_rgb, wheel_picture
 
 Picture = tuple[str, FlowField | Snapshot]
 """A title and what to draw under it."""
 MOVING_MPS = 0.5
 STILL, UNMEASURED = 0.62, 0.85
-LEAST_COLOUR = 0.5
-"""A slow velocity is drawn at least this share of the full colour: white on white is invisible."""
-WHEEL_CELLS = 61
+WHEEL_PIXELS = 121
 
 
 def flow_comparison(
@@ -69,8 +67,7 @@ def flow_image(flow: FlowField | Snapshot, max_mps: float) -> NDArray[np.float64
     moving = valid & (speed_mps > MOVING_MPS)
     still = valid & ~moving
     image[cells[still, 0], cells[still, 1]] = STILL
-    strength = np.maximum(1.0, LEAST_COLOUR * max_mps / np.maximum(speed_mps[moving], MOVING_MPS))
-    colours = flow_to_rgb(velocity_mps[moving] * strength[:, None], max_mps)
+    colours = bold_flow_to_rgb(velocity_mps[moving], max_mps)
     taken = np.zeros(grid.shape, np.bool_)
     taken[cells[:, 0], cells[:, 1]] = True
     for down, right in np.ndindex(3, 3):
@@ -105,12 +102,7 @@ def _draw(axes: Axes, flow: FlowField | Snapshot, max_mps: float, reach_m: float
 
 def _draw_wheel(axes: Axes, max_mps: float) -> None:
     """The key in the corner: the colour of each velocity up to the full one."""
-    line = np.linspace(-max_mps, max_mps, WHEEL_CELLS)
-    velocity_mps = np.stack(np.meshgrid(line, line), axis=-1)
-    colours = flow_to_rgb(velocity_mps, max_mps)
-    colours[np.hypot(velocity_mps[..., 0], velocity_mps[..., 1]) > max_mps] = 1.0
     key = axes.inset_axes((0.01, 0.01, 0.17, 0.17))
-    key.imshow(colours, origin="lower")
+    key.imshow(wheel_picture(WHEEL_PIXELS))
     key.set_title(f"{max_mps:g} m/s", fontsize=7, pad=2)
-    key.set_xticks([])
-    key.set_yticks([])
+    key.set_axis_off()

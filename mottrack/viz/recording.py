@@ -20,7 +20,7 @@ from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.viz.bev import FULL_COLOUR_MPS, hulls_of
+from mottrack.viz.bev import FULL_COLOUR_MPS, STILL_MPS, hulls_of
 from mottrack.viz.colour_wheel import bold_flow_to_rgb
 
 APPLICATION = "mottrack"
@@ -29,7 +29,6 @@ TRACK_COLOURS = np.array(
     [(194, 65, 12), (147, 51, 234), (202, 138, 4), (8, 145, 178), (219, 39, 119), (101, 163, 13)]
 )
 """A track keeps its colour; neighbours in number differ."""
-STILL_MPS = 0.3
 POINT_RADIUS_M = 0.05
 FLOW_HEIGHT_M = 0.1
 Boxes = TruthTable | TrackTable | ObjectTable

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -53,11 +52,6 @@ def draw_integration(
     for axis, panel in zip(axes, panels, strict=True):
         _draw(axis, panel, reach_m, seconds)
     return figure
-
-
-def save_integration(panels: Sequence[IntegrationPanel], file: Path) -> None:
-    """Draws the panels into a picture; its format follows from the file's suffix."""
-    draw_integration(panels).savefig(file, dpi=110)
 
 
 def _draw(axis: Axes, panel: IntegrationPanel, reach_m: float, seconds: float) -> None:
