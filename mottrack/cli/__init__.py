@@ -23,7 +23,10 @@ EXIT_USER_ERROR = 2
 
 
 def main() -> None:
-    """Runs a command; an error that the user can mend is one line and exit code 2."""
+    """Runs a command; an error that the user can mend is one line and exit code 2.
+
+    So is what the file system refuses: a disk that is full, a folder that must not be written.
+    """
     from mottrack.core.errors import MottrackError
 
     try:
@@ -33,4 +36,8 @@ def main() -> None:
         sys.exit(EXIT_USER_ERROR)
     except BrokenPipeError:  # the reader of our output has gone: `mottrack ... | head`
         sys.stderr.close()
+        sys.exit(EXIT_USER_ERROR)
+    except OSError as error:
+        place = "" if error.filename is None else f"{error.filename}: "
+        sys.stderr.write(f"mottrack: {place}{error.strerror or type(error).__name__}\n")
         sys.exit(EXIT_USER_ERROR)

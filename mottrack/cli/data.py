@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from mottrack.cli.arguments import Workers
+
 EXIT_FAULTS = 3
 
 
@@ -47,17 +49,23 @@ def check(
         str | None, typer.Option("--format", help="kind of data set; by default its layout tells")
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="read only every so many-th sweep")] = 1,
-    workers: Annotated[int, typer.Option(min=0, help="processes; 0: one a core")] = 0,
+    workers: Workers = 0,
 ) -> None:
     """Walk a data set and report what is missing, damaged or out of order; exit code 3 if any."""
+    from mottrack.core.errors import ConfigError
     from mottrack.datasets.check.report import report_lines
     from mottrack.datasets.check.walk import Walk, check_dataset, kind_of_folder
     from mottrack.pipeline.overrides import parse_override
     from mottrack.pipeline.plugins import load_part
 
-    settings = {"kind": format_name or kind_of_folder(dataset), "root": str(dataset)}
+    settings: dict[str, object] = {
+        "kind": format_name or kind_of_folder(dataset),
+        "root": str(dataset),
+    }
     for override in overrides or []:
         key, values = parse_override(override)
+        if len(values) != 1:
+            raise ConfigError(f"override '{override}' has several values; a check takes one")
         settings[key.removeprefix("dataset.")] = values[0]
     opened = load_part("dataset", settings).make()
     result = check_dataset(opened, Walk(every=every, workers=workers))

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mottrack.cli.arguments import Config, Sweep
+
 if TYPE_CHECKING:
     from mottrack.pipeline.noise_study import NoiseStudy
 
-Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
-Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
 Out = Annotated[Path, typer.Option("--out", help="YAML file for `tracker`, made or replaced")]
 
 
@@ -20,12 +20,13 @@ def register(app: typer.Typer) -> None:
     app.command("estimate-noise")(estimate_noise)
 
 
-def estimate_noise(config: Config, overrides: Overrides = None, *, out: Out) -> None:
+def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None:
     """Estimate the Kalman tracker's noise (P0, Q, R by class, R_d of the flow) from truth.
 
     The file that is written is a tracker group: put it into a folder `tracker` beside your
     experiment and name it there. A sweep over flow sources writes one file for each.
     """
+    from mottrack.core.storage import write_text
     from mottrack.pipeline.experiment import load_experiments
     from mottrack.pipeline.noise_study import study_noise
 
@@ -34,8 +35,7 @@ def estimate_noise(config: Config, overrides: Overrides = None, *, out: Out) -> 
         study = study_noise(experiment, _progress)
         name = f"{out.stem}-{experiment.variant}{out.suffix}" if len(experiments) > 1 else out.name
         file = out.with_name(name)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(_yaml(study), encoding="utf-8")
+        write_text(file, _yaml(study))
         typer.echo(_table(study))
         typer.echo(f"noise:  {file}\n")
 

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from mottrack.cli.arguments import Baseline
+
 Folder = Annotated[Path, typer.Argument(help="folder of a run, or of a comparison")]
 
 
@@ -24,9 +26,7 @@ def report(
     max_mb: Annotated[
         float, typer.Option("--max-mb", min=0.0, help="room for the moving pictures of scenes")
     ] = 15.0,
-    baseline: Annotated[
-        str | None, typer.Option("--baseline", help="run that the others are compared with")
-    ] = None,
+    baseline: Baseline = None,
 ) -> None:
     """Write the HTML report of a finished run or comparison; nothing runs again."""
     from mottrack.pipeline.stored_comparison import load_comparison

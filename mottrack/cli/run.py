@@ -7,18 +7,11 @@ from typing import Annotated
 
 import typer
 
+from mottrack.cli.arguments import Baseline, Config, Sweep, Workers
+
 EXIT_SCENES_FAILED = 3
 
-Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
-Overrides = Annotated[
-    list[str] | None, typer.Argument(help="key=value ...; flow=zero,icp makes a sweep")
-]
 Out = Annotated[Path, typer.Option("--out", help="folder for results; may hold an earlier part")]
-Baseline = Annotated[
-    str | None,
-    typer.Option("--baseline", help="run that the others are compared with; the first one"),
-]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="processes; 0: one a core")]
 
 
 def register(app: typer.Typer) -> None:
@@ -29,14 +22,14 @@ def register(app: typer.Typer) -> None:
     app.command("list")(list_parts)
 
 
-def run(config: Config, overrides: Overrides = None, *, out: Out, workers: Workers = 0) -> None:
+def run(config: Config, overrides: Sweep = None, *, out: Out, workers: Workers = 0) -> None:
     """Track every scene of an experiment and score it; a sweep runs every combination."""
     _run(config, overrides or [], out, workers)
 
 
 def compare(
     config: Config,
-    overrides: Overrides = None,
+    overrides: Sweep = None,
     *,
     out: Out,
     workers: Workers = 0,

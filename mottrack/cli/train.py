@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mottrack.cli.arguments import Overrides
+
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.training.config import ExamplesConfig, TrainConfig
 
 Config = Annotated[str, typer.Argument(help="YAML file of a training run, or a shipped one")]
-Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
 Out = Annotated[Path, typer.Option("--out", help="folder of the run; a checkpoint is resumed")]
 Examples = Annotated[
     Path, typer.Option("--examples", help="folder in which sets of examples are kept")
 ]
-
 Into = Annotated[Path, typer.Option("--out", help="folder in which the set of examples is made")]
 
 
@@ -68,7 +68,8 @@ def export(
     from mottrack.core.grid import BevGrid
     from mottrack.flow.pillarflow.export import export_onnx
     from mottrack.flow.pillarflow.raster import network_cells
-    from mottrack.flow.pillarflow.weights_file import load_weights, weights_path
+    from mottrack.flow.pillarflow.shipped import weights_path
+    from mottrack.flow.pillarflow.weights_file import load_weights
 
     loaded = load_weights(weights_path(weights))
     shape = loaded.network.config

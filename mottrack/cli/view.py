@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from mottrack.cli.arguments import Config, FinishedRun, Overrides, SceneName
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Run = Annotated[Path, typer.Argument(help="folder of a finished run")]
-Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
-Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
-SceneName = Annotated[str | None, typer.Option("--scene", help="by default the first one")]
 Out = Annotated[Path, typer.Option("--out", help="the animation, .gif or .mp4")]
 Speed = Annotated[float, typer.Option("--speed", min=0.05, max=20.0, help="1 is as it happened")]
 
@@ -28,7 +26,7 @@ def register(app: typer.Typer) -> None:
 
 
 def view(
-    run: Run,
+    run: FinishedRun,
     *,
     scene: Annotated[str | None, typer.Option("--scene", help="by default all scenes")] = None,
     save: Annotated[
@@ -53,7 +51,7 @@ def view(
 
 
 def animate(
-    run: Run,
+    run: FinishedRun,
     *,
     out: Out,
     scene: SceneName = None,

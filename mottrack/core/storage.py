@@ -14,13 +14,16 @@ from numpy.typing import NDArray
 
 from mottrack.core.errors import ResultError
 
+UNFINISHED = ".part"
 CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Writes a file by way of a temporary one beside it: a reader sees the old or the new."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    handle, temporary = tempfile.mkstemp(
+        dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED
+    )
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
@@ -31,6 +34,12 @@ def write_bytes(path: Path, data: bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def discard_unfinished(folder: Path) -> None:
+    """Removes what writers left in a folder that were killed in the middle of a file."""
+    for temporary in folder.glob(f".*{UNFINISHED}"):
+        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,28 +1,24 @@
-"""What is run: the studies behind the paper's tables, on the embedded world and recorded data."""
+"""What is asked for and what is run for it: the shipped plan, the request, a study."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import Field, ValidationError
 
 from mottrack.config import StrictModel
-from mottrack.core.errors import ConfigError, DataError
-from mottrack.flow.pillarflow.weights_file import SHIPPED
+from mottrack.core.errors import ConfigError
 from mottrack.pipeline.configs import shipped_folder
-from mottrack.pipeline.experiment import Experiment, compose
+from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.explain import explain
-from mottrack.pipeline.runner import scene_names
 from mottrack.pipeline.yaml_file import read_yaml
 
 STUDIES = ("flow", "tracking", "velocity")
-ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
+"""What recorded data can serve; the embedded world also serves the ball and the runtimes."""
 WORLD = "world"
-NEEDS_DETECTIONS = ("icp", "icp_one_start")
 
 
 class RecordedPlan(StrictModel):
@@ -30,6 +26,7 @@ class RecordedPlan(StrictModel):
 
     title: str = Field(description="its name in the report")
     dataset: dict[str, Any] = Field(description="settings beside its root")
+    with_sweeps: dict[str, Any] = Field(default={}, description="further: only frames with sweeps")
     scenes: int = Field(ge=1, description="at most so many, evenly spread")
     quick_scenes: int = Field(ge=1, description="the same for a quick run")
     quick: list[str] = Field(default=[], description="further overrides of a quick run")
@@ -50,8 +47,8 @@ class Request:
     quick: bool = False
     roots: Mapping[str, Path] | None = None
     """Recorded data set to its folder."""
-    detections: Mapping[str, Path] | None = None
-    """Recorded data set to its detection file, where it has one."""
+    settings: Sequence[str] = ()
+    """``NAME.key=value``: settings of recorded data sets, as in ``nuscenes.detections=FILE``."""
     ablation: Path | None = None
     """Folder of weights for Table II, a sub-folder each."""
 
@@ -67,6 +64,10 @@ class Study:
     runs: tuple[Experiment, ...]
     left_out: dict[str, str] = field(default_factory=dict)
     """Scenes that can't take part, and why."""
+    absent: dict[str, str] = field(default_factory=dict)
+    """Variants that are not run, and why."""
+    reason: str = ""
+    """Why nothing of it is run; empty otherwise."""
 
     @property
     def folder(self) -> Path:
@@ -74,9 +75,9 @@ class Study:
         return Path(self.dataset) / self.name
 
 
-def folder_of_configs() -> Path:
-    """Where the configurations of the studies are."""
-    return shipped_folder() / "paper"
+def config_file(study: str) -> Path:
+    """The shipped configuration of a study, or of the plan."""
+    return shipped_folder() / "paper" / f"{study}.yaml"
 
 
 def read_plan() -> Plan:
@@ -85,119 +86,8 @@ def read_plan() -> Plan:
     Raises:
         ConfigError: it is not well formed.
     """
-    path = folder_of_configs() / "plan.yaml"
+    path = config_file("plan")
     try:
         return Plan.model_validate(read_yaml(path))
     except ValidationError as error:
         raise ConfigError(f"{path}: {explain(error, Plan)}") from error
-
-
-def studies(request: Request) -> list[Study]:
-    """Every study that is asked for.
-
-    Raises:
-        ConfigError: a data set is unknown, or does not fit its settings.
-        DataError: a data set is not where it is said to be.
-    """
-    plan = read_plan()
-    found = [_world(name, plan, request) for name in (*STUDIES, "ball", "runtime")]
-    for name, root in (request.roots or {}).items():
-        found += _recorded(name, root, plan, request)
-    return found
-
-
-def _world(name: str, plan: Plan, request: Request) -> Study:
-    overrides = plan.quick.get(name, []) if request.quick else []
-    path = folder_of_configs() / f"{name}.yaml"
-    tree = read_yaml(path)
-    runs = compose(tree, overrides, path)
-    if name == "flow":
-        runs += _ablations(tree, overrides, request.ablation)
-    return Study(name, WORLD, "Embedded world", tuple(runs))
-
-
-def _recorded(name: str, root: Path, plan: Plan, request: Request) -> list[Study]:
-    recorded = plan.recorded[name]
-    dataset = {**recorded.dataset, "root": str(root)}
-    detections = (request.detections or {}).get(name)
-    if detections is not None:
-        dataset["detections"] = str(detections)
-    overrides = list(recorded.quick) if request.quick else []
-    limit = recorded.quick_scenes if request.quick else recorded.scenes
-    has_boxes = name == "kitti" or detections is not None
-    made: list[Study] = []
-    usable: tuple[str, ...] = ()
-    left_out: dict[str, str] = {}
-    for study in STUDIES if has_boxes else ("flow", "velocity"):
-        path = folder_of_configs() / f"{study}.yaml"
-        tree = {**read_yaml(path), "dataset": dataset}
-        if not has_boxes:
-            tree["flow"] = [flow for flow in tree["flow"] if flow not in NEEDS_DETECTIONS]
-            tree["objects"] = "clusters"  # flow is scored on cells; what is tracked does not matter
-        runs = compose(tree, overrides, path)
-        if study == "flow":
-            runs += _ablations(tree, overrides, request.ablation)
-        if not made:
-            usable, left_out = usable_scenes(runs[0])
-        chosen = tuple(_only(run, _spread(usable, limit)) for run in runs)
-        made.append(Study(study, name, recorded.title, chosen, left_out))
-    return made
-
-
-def usable_scenes(run: Experiment) -> tuple[tuple[str, ...], dict[str, str]]:
-    """The scenes of a data set that have frames to pair, and why the others have not.
-
-    Raises:
-        ConfigError: there is none.
-    """
-    dataset = run.dataset.make()
-    usable, left_out = [], {}
-    for name in scene_names(run):
-        try:
-            frames = len(dataset.scene(name))
-        except DataError as error:
-            left_out[name] = str(error)
-            continue
-        if frames > 1:
-            usable.append(name)
-        else:
-            left_out[name] = f"{frames} frame: no pair of sweeps"
-    if not usable:
-        raise ConfigError(f"no scene can be used: {next(iter(left_out.values()), 'there is none')}")
-    return tuple(usable), left_out
-
-
-def _ablations(
-    tree: Mapping[str, Any], overrides: Sequence[str], folder: Path | None
-) -> list[Experiment]:
-    path = folder_of_configs() / "flow.yaml"
-    found = []
-    for name in ABLATIONS:
-        weights = ablation_weights(name, folder)
-        if weights is None:
-            continue
-        flow: dict[str, Any] = {"kind": "pillarflow", "weights": weights, "refined": False}
-        if name == "with_ground":
-            flow["stages"] = {"ground": {"enabled": False}}
-        run = compose({**tree, "flow": flow}, overrides, path)[0]
-        found.append(replace(run, variant=name))
-    return found
-
-
-def ablation_weights(name: str, folder: Path | None) -> str | None:
-    """Weights of a row of Table II: from the folder, else shipped ones, else None."""
-    if folder is not None and (folder / name / "weights.safetensors").is_file():
-        return str(folder / name / "weights.safetensors")
-    return name if (SHIPPED / f"{name}.safetensors").is_file() else None
-
-
-def _only(run: Experiment, scenes: tuple[str, ...]) -> Experiment:
-    return replace(run, settings=run.settings.model_copy(update={"scenes": scenes}))
-
-
-def _spread(scenes: Sequence[str], limit: int) -> tuple[str, ...]:
-    """At most so many of the scenes, evenly spread."""
-    if len(scenes) <= limit:
-        return tuple(scenes)
-    index = np.linspace(0, len(scenes) - 1, limit).round().astype(int)
-    return tuple(scenes[i] for i in index)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mottrack.core.errors import ConfigError
 from mottrack.core.result import SceneResult
-from mottrack.core.storage import write_text
 from mottrack.eval.nuscenes.bootstrap import draw
 from mottrack.eval.paired import (
     RESAMPLES,
@@ -25,7 +21,6 @@ from mottrack.eval.paired import (
     sample,
 )
 from mottrack.eval.run_figures import Figures
-from mottrack.flow.pillarflow.weights_file import SHIPPED
 from mottrack.paper.claims import Finding, claims, judge
 from mottrack.paper.plan import Study
 from mottrack.pipeline.differences import Contender, Sampling, sample_runs
@@ -88,11 +83,11 @@ class Results:
         }
 
     def findings(self, dataset: str) -> list[Finding]:
-        """Every claim against the runs on one data set; studies it does not have are left out."""
+        """Every claim against the runs on one data set; studies without runs are left out."""
         found = []
         for claim in claims():
             study = self.find(dataset, claim.study)
-            if study is not None:
+            if study is not None and study.study.runs:
                 difference = study.paired(claim.rival, claim.subject, claim.key)
                 found.append(Finding(claim, dataset, judge(claim, difference), difference))
         return found
@@ -104,32 +99,14 @@ def run_studies(
     """Runs every scene of every study that has no result yet; the runtime study last and alone.
 
     Raises:
-        ConfigError: a folder belongs to another configuration, or to other weights.
+        ConfigError: a folder belongs to another configuration, other weights or other code.
     """
-    claim_folder(out)
     together = [study for study in studies if study.name != RUNTIME]
     reports = _run(together, out, workers, progress)
     for study in studies:
         if study.name == RUNTIME:
             reports |= _run([study], out, 1, progress)
     return Results(tuple(_result(study, out, reports) for study in studies))
-
-
-def claim_folder(out: Path) -> None:
-    """Notes which shipped weights the results are of, or checks that they are the same.
-
-    Raises:
-        ConfigError: the folder holds results of other weights.
-    """
-    path = out / "weights.json"
-    mine = {
-        file.stem: hashlib.sha256(file.read_bytes()).hexdigest()
-        for file in sorted(SHIPPED.glob("*.safetensors"))
-    }
-    if not path.exists():
-        write_text(path, json.dumps(mine, indent=1) + "\n")
-    elif json.loads(path.read_text()) != mine:
-        raise ConfigError(f"{out} holds results of other weights; choose another --out")
 
 
 Reports = dict[tuple[Path, str], RunReport]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from mottrack.pipeline.differences import (
     find_differences,
 )
 from mottrack.pipeline.experiment import Experiment
+from mottrack.pipeline.latency import LatencyReport, StepTimes
 from mottrack.pipeline.run_folder import RunFolder
 from mottrack.pipeline.runner import Job, RunReport, run_jobs
 from mottrack.pipeline.workers import Progress, available_cores
@@ -36,6 +37,8 @@ class ScoredRun:
     scores: Scores
     stage_ms: dict[str, float]
     """Mean wall time of each stage per key frame, milliseconds."""
+    latency: LatencyReport | None
+    """Of every step against the time between two sweeps; None where it was not kept."""
 
     @property
     def title(self) -> str:
@@ -61,6 +64,7 @@ class ScoredRun:
             "scenes": list(self.report.finished),
             "failed": self.report.failed,
             "stage_ms": self.stage_ms,
+            "latency": None if self.latency is None else asdict(self.latency),
             "metrics": self.scores.as_dict(),
         }
 
@@ -135,7 +139,9 @@ def scored_run(experiment: Experiment, folder: RunFolder, report: RunReport) -> 
     """Scores what a run has left in its folder."""
     results = [folder.load(scene) for scene in report.finished]
     scores = score(results, experiment.settings.scores)
-    return ScoredRun(experiment, folder, report, scores, _stage_ms(results))
+    times = [times for scene in report.finished if (times := folder.times(scene)) is not None]
+    latency = StepTimes.joined(times).report() if times else None
+    return ScoredRun(experiment, folder, report, scores, _stage_ms(results), latency)
 
 
 def _stage_ms(results: Sequence[SceneResult]) -> dict[str, float]:

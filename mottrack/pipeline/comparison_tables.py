@@ -19,6 +19,10 @@ METHOD = (
     "figure evaluated again on each, Student's t with the number of scenes. Of twenty differences "
     "that are none, about one is called real"
 )
+LATENCY = (
+    "Wall time, a step a sweep; processes that run side by side slow each other: --workers 1 tells "
+    "what one scene takes alone"
+)
 ONE_SCENE = "one scene says nothing about others: no interval"
 
 
@@ -27,7 +31,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     runs = [run for run in comparison.runs if run.report.finished]
     if not runs:
         return []
-    tables = [tracking_table(runs), velocity_table(runs), timing_table(runs)]
+    tables = [tracking_table(runs), velocity_table(runs), timing_table(runs), latency_table(runs)]
     if any(run.scores.flow for run in runs):
         tables.insert(2, flow_table(runs))
     if comparison.differences:
@@ -94,6 +98,25 @@ def timing_table(runs: Sequence[ScoredRun]) -> TextTable:
     ]
     columns = (Column("run"), *(Column(stage, digits=1) for stage in stages))
     return TextTable("timing", "Wall time a key frame, ms", columns, tuple(rows))
+
+
+def latency_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Every stage of a step, and of it each part, against the time between two sweeps."""
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        report = run.latency
+        for stage, s in ({} if report is None else report.stages).items():
+            warm_up_ms = 0.0 if report is None else report.warm_up_ms.get(stage, 0.0)
+            times = (s.mean_ms, s.p50_ms, s.p99_ms, s.max_ms, warm_up_ms)
+            rows.append((run.title, stage, *times, s.steps))
+    names = ("mean", "p50", "p99", "max", "warm-up")
+    columns = (
+        Column("run"),
+        Column("stage"),
+        *(Column(name, digits=1) for name in names),
+        Column("steps"),
+    )
+    return TextTable("latency", "Latency of a step, ms", columns, tuple(rows), LATENCY)
 
 
 def difference_table(parts: Sequence[RunDifferences]) -> TextTable:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,9 +40,14 @@ class Experiment:
         """What names it in a table."""
         return self.variant or self.settings.name or self.flow.kind
 
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Dataset, objects, flow and tracker."""
+        return self.dataset, self.objects, self.flow, self.tracker
+
     def resolved(self) -> dict[str, Any]:
         """Every setting, defaults included, as plain data."""
-        parts = {group: getattr(self, group).resolved() for group in GROUPS}
+        parts = {g: part.resolved() for g, part in zip(GROUPS, self.parts, strict=True)}
         return {**parts, **self.settings.model_dump(mode="json")}
 
     @property
@@ -67,7 +73,17 @@ def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experim
 
 
 def compose(tree: Mapping[str, Any], overrides: Sequence[str], path: Path) -> list[Experiment]:
-    """Composes experiments from a mapping as an experiment file holds it."""
+    """Composes experiments from a mapping as an experiment file holds it.
+
+    Args:
+        tree: keys to values; a list under a group makes a sweep.
+        overrides: ``key=value`` texts.
+        path: names the file in errors; groups are looked for beside it.
+
+    Raises:
+        ConfigError: a key, a name or a value is wrong.
+        DataError: the file of a group can't be read.
+    """
     variants = expand(tree, overrides)
     names = [name for name, _ in variants]
     if len(set(names)) != len(names):
@@ -82,13 +98,16 @@ def _compose_one(
     sources = [str(path)]
     tree |= {key: value for key, value in choices if key in GROUPS}
     for group in GROUPS:
-        tree[group] = _group_settings(group, tree.get(group, DEFAULTS[group]), path, sources)
+        choice = tree.get(group, DEFAULTS[group])
+        tree[group] = deepcopy(_group_settings(group, choice, path, sources))
     for key, value in choices:
         if key not in GROUPS:
             set_key(tree, key, value)
-    parts = {group: load_part(group, tree.pop(group)) for group in GROUPS}
     try:
+        parts = {group: load_part(group, tree.pop(group)) for group in GROUPS}
         settings = Settings.model_validate(tree)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {explain(error, _WholeFile)}") from error
     return Experiment(**parts, settings=settings, variant=variant, sources=tuple(sources))

@@ -25,7 +25,9 @@ def _explain_one(item: ErrorDetails, model: type[BaseModel], prefix: str) -> str
         return f"{key} is not a known key{hint}; valid: {', '.join(sorted(valid))}"
     if item["type"] == "missing":
         return f"{key} is missing"
-    message = item["msg"]
+    message = item["msg"].removeprefix("Value error, ")
+    if not path:
+        return f"{prefix or 'settings'}: expected {message}"
     return f"{key} is {item['input']!r}, expected: {message[0].lower()}{message[1:]}"
 
 

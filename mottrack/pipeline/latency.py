@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
-from mottrack.core.errors import InputError
+from mottrack.core.errors import InputError, ResultError
 
 TOTAL = "total"
 
@@ -64,14 +66,68 @@ class LatencyReport:
                 f"{shown:16}{s.mean_ms:9.2f}{s.p50_ms:9.2f}{s.p99_ms:9.2f}{s.max_ms:9.2f}"
                 f"{s.steps:8}{warm_up:9.0f}"
             )
-        return "\n".join([*rows, self._verdict()])
+        return "\n".join([*rows, self.verdict])
 
-    def _verdict(self) -> str:
+    @property
+    def verdict(self) -> str:
+        """Whether the budget was kept, and where the time went, in one line."""
         if self.blame is None:
             return f"budget {self.budget_ms:.0f} ms: no step yet beyond the warm-up"
         return (
             f"budget {self.budget_ms:.0f} ms: {self.over_budget} of {self.steps} steps over it "
             f"({self.over_budget_share:.1%}); most time in {self.blame} ({self.blame_share:.0%})"
+        )
+
+
+@dataclass(frozen=True)
+class StepTimes:
+    """Wall times of the steps of a scene, or of several."""
+
+    period_s: float
+    """Time between two sweeps, the budget of a step."""
+    steps: list[dict[str, float]]
+    """Seconds by stage of every step beyond the warm-up; ``total`` is the whole step."""
+    warm_up_s: dict[str, float]
+    """Seconds by stage of the steps in which some stage ran for the first time."""
+
+    @classmethod
+    def of(cls, stored: Mapping[str, Any], source: Path) -> Self:
+        """What `as_dict` made; ``source`` names the file in errors.
+
+        Raises:
+            ResultError: something else.
+        """
+        try:
+            period_s, warm_up_s = float(stored["period_s"]), dict(stored["warm_up_s"])
+            return cls(period_s, [dict(step) for step in stored["steps"]], warm_up_s)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ResultError(source, "content", repr(error), "times of a scene") from error
+
+    @classmethod
+    def joined(cls, parts: Sequence[StepTimes]) -> Self:
+        """Of several scenes: the shortest period, every step, the longest warm-up of a stage."""
+        stages = {stage for part in parts for stage in part.warm_up_s}
+        longest_s = {s: max(part.warm_up_s.get(s, 0.0) for part in parts) for s in stages}
+        steps = [step for part in parts for step in part.steps]
+        return cls(min(part.period_s for part in parts), steps, longest_s)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data, to be stored."""
+        return asdict(self)
+
+    def report(self) -> LatencyReport:
+        """What the steps amount to."""
+        times = {s: [t[s] for t in self.steps if s in t] for s in _in_order(self.warm_up_s)}
+        late = [step for step in self.steps if step[TOTAL] > self.period_s]
+        blame, share = _blame(late or self.steps)
+        return LatencyReport(
+            budget_ms=1e3 * self.period_s,
+            steps=len(self.steps),
+            stages={stage: StageLatency.of(seconds) for stage, seconds in times.items() if seconds},
+            over_budget=len(late),
+            blame=blame,
+            blame_share=share,
+            warm_up_ms={stage: 1e3 * spent_s for stage, spent_s in self.warm_up_s.items()},
         )
 
 
@@ -100,31 +156,25 @@ class LatencyLog:
         for stage, spent_s in seconds.items():
             self._warm_up_s[stage] = self._warm_up_s.get(stage, 0.0) + spent_s
 
+    def times(self, period_s: float | None = None) -> StepTimes:
+        """The kept steps; ``period_s`` between two sweeps, by default that of the rate."""
+        return StepTimes(period_s or self._budget_s, list(self._steps), dict(self._warm_up_s))
+
     def report(self) -> LatencyReport:
         """What the kept steps amount to."""
-        steps = list(self._steps)
-        times = {s: [step[s] for step in steps if s in step] for s in self._stages()}
-        late = [step for step in steps if step[TOTAL] > self._budget_s]
-        blame, share = _blame(late or steps)
-        return LatencyReport(
-            budget_ms=1e3 * self._budget_s,
-            steps=len(steps),
-            stages={stage: StageLatency.of(t) for stage, t in times.items() if t},
-            over_budget=len(late),
-            blame=blame,
-            blame_share=share,
-            warm_up_ms={stage: 1e3 * spent_s for stage, spent_s in self._warm_up_s.items()},
-        )
-
-    def _stages(self) -> list[str]:
-        """Stages in the order of a step, each followed by its parts; the total comes last."""
-        names = [s for s in self._warm_up_s if "." not in s and s != TOTAL]
-        names.sort(key=lambda s: ORDER.index(s) if s in ORDER else len(ORDER))
-        parts = {s: [p for p in self._warm_up_s if p.startswith(f"{s}.")] for s in names}
-        return [name for s in names for name in (s, *parts[s])] + [TOTAL]
+        return self.times().report()
 
 
 ORDER = ("flow", "objects", "velocity", "tracker")
+
+
+def _in_order(stages: Iterable[str]) -> list[str]:
+    """Stages in the order of a step, each followed by its parts; the total comes last."""
+    found = list(dict.fromkeys(stages))
+    names = [s for s in found if "." not in s and s != TOTAL]
+    names.sort(key=lambda s: ORDER.index(s) if s in ORDER else len(ORDER))
+    parts = {s: [p for p in found if p.startswith(f"{s}.")] for s in names}
+    return [name for s in names for name in (s, *parts[s])] + [TOTAL]
 
 
 def _blame(steps: list[dict[str, float]]) -> tuple[str | None, float]:

@@ -35,12 +35,18 @@ def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str,
     A list under a group in the file (``flow: [zero, icp]``) and a list on the command line
     (``flow=zero,icp``) both make a sweep; the command line wins. The order is that of the file,
     then of the command line. A single combination has the name ``""``.
+
+    Raises:
+        ConfigError: an override is none, or a list is empty.
     """
     axes: dict[str, list[Any]] = {g: list(tree[g]) for g in GROUPS if isinstance(tree.get(g), list)}
     for text in overrides:
         key, values = parse_override(text)
         axes.pop(key, None)
         axes[key] = values
+    empty = [key for key, values in axes.items() if not values]
+    if empty:
+        raise ConfigError(f"{empty[0]} is an empty list, expected at least one value")
     ordered = sorted(axes, key=lambda key: key not in GROUPS)  # a group first, then its fields
     variants = []
     for combination in itertools.product(*(axes[key] for key in ordered)):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -24,6 +26,14 @@ TABLES: dict[str, tuple[str, Mapping[str, str]]] = {
     "tracker": ("tracker", TRACKERS),
 }
 
+METHODS = {
+    "dataset": ("scene",),
+    "objects": ("objects", "reset"),
+    "flow": ("estimate", "reset"),
+    "tracker": ("step",),
+}
+"""What a class must have; `mottrack.core.interfaces` says what each method does."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -39,6 +49,14 @@ class Part:
         if isinstance(self.config, StrictModel):
             return self.cls(self.config, **shared)
         return self.cls(**self.config)
+
+    def files(self) -> tuple[Path, ...]:
+        """Files beside the settings and the data that decide results: weights.
+
+        Raises:
+            DataError: none of that name are shipped.
+        """
+        return self.config.files() if isinstance(self.config, StrictModel) else ()
 
     def resolved(self) -> dict[str, Any]:
         """Every setting, defaults included, as plain data."""
@@ -66,6 +84,7 @@ def load_part(group: str, settings: Mapping[str, Any]) -> Part:
     cls = _find_class(group, kind)
     model = getattr(cls, "Config", None)
     if model is None:
+        _check_arguments(group, kind, cls, parameters)
         return Part(kind, cls, parameters)
     try:
         return Part(kind, cls, model.model_validate(parameters))
@@ -84,4 +103,16 @@ def _find_class(group: str, kind: str) -> type[Any]:
         raise ConfigError(f"{what} '{kind}' can't be imported: {error}") from error
     if not isinstance(found, type):
         raise ConfigError(f"{what} '{kind}' is a {type(found).__name__}, expected a class")
+    missing = [name for name in METHODS[group] if not callable(getattr(found, name, None))]
+    if missing:
+        expected = ", ".join(METHODS[group])
+        raise ConfigError(f"{what} '{kind}' has no {missing[0]}, expected methods {expected}")
     return found
+
+
+def _check_arguments(group: str, kind: str, cls: type[Any], arguments: dict[str, Any]) -> None:
+    """Refuses settings of a class without ``Config`` that its ``__init__`` does not take."""
+    try:
+        inspect.signature(cls).bind(**arguments)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{group} '{kind}' does not take {arguments}: {error}") from error

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-import mottrack
 from mottrack.core.errors import ConfigError, ResultError
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import save_snapshots
-from mottrack.core.storage import write_text
+from mottrack.core.storage import discard_unfinished, write_text
 from mottrack.pipeline.experiment import Experiment
+from mottrack.pipeline.fingerprint import fingerprint
+from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
 
 
@@ -31,7 +32,7 @@ class RunFolder:
 
     @property
     def identity_file(self) -> Path:
-        """Hash of the configuration and version of the code that made the results."""
+        """What made the results: see `fingerprint`."""
         return self.path / "run.json"
 
     def scene_file(self, scene: str) -> Path:
@@ -46,25 +47,36 @@ class RunFolder:
         """Points, flow and objects of its key frames, if kept: core.snapshot."""
         return self.path / "scenes" / f"{_file_name(scene)}.snapshots.npz"
 
+    def latency_file(self, scene: str) -> Path:
+        """Seconds per stage of every step, key frame or not."""
+        return self.path / "scenes" / f"{_file_name(scene)}.latency.json"
+
     def claim(self, experiment: Experiment) -> None:
         """Writes the configuration, or checks that the folder already belongs to it.
 
         Raises:
-            ConfigError: the folder holds results of another configuration or version.
+            ConfigError: the folder holds results of another configuration, code or weights.
+            DataError: a file of weights is missing.
         """
-        mine = {"config_hash": experiment.hash, "version": mottrack.__version__}
+        mine = fingerprint(experiment)
         if self.identity_file.exists():
             theirs = _read_json(self.identity_file)
-            if theirs != mine:
+            other = [what for what in (mine | theirs) if theirs.get(what) != mine.get(what)]
+            if other:
                 raise ConfigError(
-                    f"{self.path} holds results of another configuration or version ({theirs}, "
-                    f"this is {mine}); choose another --out or remove the folder"
+                    f"{self.path} holds results of another {', another '.join(other)} (run.json); "
+                    "choose another --out or remove the folder"
                 )
             return
         header = f"# resolved configuration, sha256 {experiment.hash}\n"
         text = yaml.safe_dump(experiment.resolved(), sort_keys=False, allow_unicode=True)
         write_text(self.config_file, header + text)
         write_text(self.identity_file, json.dumps(mine, indent=2) + "\n")
+
+    def tidy(self) -> None:
+        """Removes what killed writers left."""
+        discard_unfinished(self.path)
+        discard_unfinished(self.path / "scenes")
 
     def finished(self, scene: str) -> bool:
         """Whether the scene's result is there and undamaged; a damaged one is removed."""
@@ -85,6 +97,7 @@ class RunFolder:
             save_snapshots(self.snapshots_file(result.name), run.snapshots)
         seconds = {stage: values.tolist() for stage, values in result.timings_s.items()}
         write_text(self.timings_file(result.name), json.dumps(seconds))
+        write_text(self.latency_file(result.name), json.dumps(run.times.as_dict()))
         result.save(self.scene_file(result.name))
 
     def load(self, scene: str) -> SceneResult:
@@ -98,6 +111,15 @@ class RunFolder:
             return result
         stored = _read_json(self.timings_file(scene))
         return replace(result, timings_s={k: np.array(v) for k, v in stored.items()})
+
+    def times(self, scene: str) -> StepTimes | None:
+        """Times of every step; None where they were not kept.
+
+        Raises:
+            ResultError: the file is damaged.
+        """
+        path = self.latency_file(scene)
+        return StepTimes.of(_read_json(path), path) if path.exists() else None
 
 
 def _file_name(scene: str) -> str:

@@ -39,7 +39,8 @@ def run_experiment(
     """Runs every scene that has no result yet; one that fails does not lose the others.
 
     Raises:
-        ConfigError: a scene is unknown, or the folder belongs to another configuration.
+        ConfigError: a scene is unknown, or the folder belongs to another configuration, other code
+            or other weights.
     """
     return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
 
@@ -50,7 +51,8 @@ def run_jobs(
     """The same for several experiments in one pool: none waits for another's last scene.
 
     Raises:
-        ConfigError: a scene is unknown, or a folder belongs to another configuration.
+        ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
+            or other weights.
     """
     start = time.perf_counter()
     scenes = [scene_names(job.experiment) for job in jobs]
@@ -63,7 +65,11 @@ def run_jobs(
         if not job.folder.finished(scene)
     ]
     progress.begin(title or _title(jobs), sum(map(len, scenes)), len(tasks))
-    outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
+    try:
+        outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
+    finally:
+        for job in jobs:
+            job.folder.tidy()
     wall_s = time.perf_counter() - start
     return [
         _report(names, [o for o in outcomes if o.folder == job.folder.path], wall_s)

@@ -16,6 +16,7 @@ from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.pipeline.album import Album, ClosedAlbum
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.flow_judge import FlowJudge
+from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.stream import Pipeline
 
 OnFrame = Callable[[int, int], None]
@@ -27,6 +28,8 @@ class SceneRun:
 
     result: SceneResult
     snapshots: list[Snapshot]
+    times: StepTimes
+    """Of every step, against the time between two frames of the scene."""
 
 
 def run_scene(
@@ -55,10 +58,12 @@ def run_scene(
     reads_sweeps = judge.enabled or pipeline.needs_sweeps
     frames: list[Frame] = []
     steps: list[Tracks] = []
+    stamps_ns: list[int] = []
     for index in range(len(scene)):
         with pipeline.watch("read"):
             frame = scene.frame(index)
             sweep = scene.sweep(index) if reads_sweeps else None
+        stamps_ns.append(frame.stamp_ns)
         judge.observe(frame)
         step = pipeline.step(frame, sweep)
         if step.tracks is not None:
@@ -70,7 +75,12 @@ def run_scene(
         on_frame(index + 1, len(scene))
     result = _result(scene, frames, pipeline.finish(steps), judge.samples())
     result = replace(result, timings_s=pipeline.watch.seconds())
-    return SceneRun(result, album.snapshots)
+    return SceneRun(result, album.snapshots, pipeline.step_times(_period_s(stamps_ns)))
+
+
+def _period_s(stamps_ns: list[int]) -> float:
+    """Median time between two frames; that of 10 Hz where there is only one."""
+    return float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.1
 
 
 def _result(

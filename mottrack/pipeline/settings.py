@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
 from mottrack.core.grid import BevGrid
 from mottrack.eval.scores import ScoreConfig
 from mottrack.objects.velocity import VelocityConfig
 from mottrack.pipeline.album import SnapshotConfig
+
+MOST_CELLS = 4096
+"""A side; more is a slip of the unit."""
 
 
 class GridConfig(StrictModel):
@@ -20,6 +25,12 @@ class GridConfig(StrictModel):
     y_max_m: float = Field(default=50.0, description="left edge")
     cell_m: float = Field(default=0.25, gt=0, description="side of a cell")
 
+    @model_validator(mode="after")
+    def _is_a_grid(self) -> Self:
+        if max(self.grid().shape) > MOST_CELLS:
+            raise ValueError(f"at most {MOST_CELLS} cells a side")
+        return self
+
     def grid(self) -> BevGrid:
         """The grid itself."""
         return BevGrid(**self.model_dump())
@@ -29,7 +40,9 @@ class Settings(StrictModel):
     """What an experiment holds besides its four parts."""
 
     name: str = Field(default="", description="title in tables and reports")
-    scenes: tuple[str, ...] | None = Field(default=None, description="a choice; None: all")
+    scenes: tuple[str, ...] | None = Field(
+        default=None, min_length=1, description="a choice; None: all"
+    )
     grid: GridConfig = GridConfig()
     velocity: VelocityConfig = VelocityConfig()
     scores: ScoreConfig = ScoreConfig()
@@ -44,3 +57,11 @@ class Settings(StrictModel):
         default=4000, ge=1, description="cells a frame that are kept for the flow scores"
     )
     snapshots: SnapshotConfig = SnapshotConfig()
+
+    @model_validator(mode="after")
+    def _agrees(self) -> Self:
+        if self.pair_s > self.max_pair_s:
+            raise ValueError(f"pair_s at most max_pair_s, {self.max_pair_s}")
+        if self.scenes is not None and len(set(self.scenes)) != len(self.scenes):
+            raise ValueError("each of scenes once")
+        return self

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -75,17 +77,29 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
         console.width = FILE_WIDTH
     tables = {table.name: table for table in comparison_tables(comparison)}
     tables.pop("differences", None)
-    titles = [run.title for run in comparison.runs if run.report.finished]
+    runs = [run for run in comparison.runs if run.report.finished]
+    titles = [run.title for run in runs]
+    if len(runs) > 1:
+        tables.pop("latency")  # the whole of it is among the stored tables
     for name, parts in (("velocity", VELOCITY_PARTS), ("flow", FLOW_PARTS)):
         if name in tables:
             tables[name] = compact(tables[name], titles, parts)
     for table in (*tables.values(), *leading_differences(comparison.differences)):
         console.print(rich_table(table))
+    for line in _closing_lines(comparison, runs):
+        console.print(line, highlight=False, soft_wrap=True)
+
+
+def _closing_lines(comparison: Comparison, runs: Sequence[ScoredRun]) -> Iterator[str]:
+    """Whether each run kept up with its sensor, what failed, and where everything is."""
+    for run in runs:
+        if run.latency is not None:
+            yield escape(f"latency {run.title}: {run.latency.verdict}")
     for name, reason in comparison.failed.items():
-        console.print(f"[red]failed[/] {name}: {reason}", highlight=False, soft_wrap=True)
-    console.print(f"figures: {comparison.out / 'scores.json'}", highlight=False, soft_wrap=True)
-    if tables:
-        console.print(f"tables:  {comparison.out / 'tables'}", highlight=False, soft_wrap=True)
+        yield f"[red]failed[/] {escape(f'{name}: {reason}')}"
+    yield escape(f"figures: {comparison.out / 'scores.json'}")
+    if runs:
+        yield escape(f"tables:  {comparison.out / 'tables'}")
 
 
 def rich_table(table: TextTable) -> Table:
@@ -101,8 +115,3 @@ def rich_table(table: TextTable) -> Table:
         shown.add_row("" if cells[0] == before else cells[0], *cells[1:])
         before = cells[0]
     return shown
-
-
-def title(run: ScoredRun) -> str:
-    """What names a run in a table."""
-    return run.title

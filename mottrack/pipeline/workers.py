@@ -120,7 +120,7 @@ class _Pool:
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs, self.work), daemon=True)
-        with _one_thread():
+        with _as_child():
             process.start()
         theirs.close()
         self._give_task(_Worker(process, ours))
@@ -184,18 +184,18 @@ def _serve(connection: Connection, work: Work) -> None:
         if done % FRAMES_A_MESSAGE == 0 or done == total:
             connection.send((done, total))
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us when the user interrupts
     while True:
         try:
-            task = connection.recv()
-        except EOFError:
-            return
-        connection.send(_outcome(task, work, on_frame))
+            connection.send(_outcome(connection.recv(), work, on_frame))
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            return  # the parent is no more
 
 
 def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
     try:
         work(task, on_frame)
+    except (BrokenPipeError, ConnectionResetError):
+        raise
     except MottrackError as error:
         return Outcome(task.scene, str(error), task.folder)
     except Exception as error:  # noqa: BLE001 - the scene fails, whatever it was; the others go on
@@ -206,13 +206,18 @@ def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
-    """Child processes started inside compute with one thread each."""
+def _as_child() -> Iterator[None]:
+    """Child processes started inside compute with one thread each and are deaf to Ctrl-C.
+
+    An interrupt is for the parent, which ends them.
+    """
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]

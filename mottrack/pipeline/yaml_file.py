@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -66,7 +67,11 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def parse_yaml(text: str, source: Path) -> dict[str, Any]:
-    """Parses a mapping; ``source`` names it in errors."""
+    """Parses a mapping; ``source`` names it in errors.
+
+    Raises:
+        DataError: the text is not YAML, not a mapping, or an alias leads back to itself.
+    """
     try:
         content = yaml.load(text, Loader=_StrictLoader)  # noqa: S506 - derived from SafeLoader
     except yaml.YAMLError as error:
@@ -76,7 +81,15 @@ def parse_yaml(text: str, source: Path) -> dict[str, Any]:
         return {}
     if not isinstance(content, dict):
         raise DataError(source, "content", type(content).__name__, "a mapping of keys to values")
+    _refuse_cycles(content, source)
     return content
+
+
+def _refuse_cycles(content: dict[str, Any], source: Path) -> None:
+    try:
+        json.dumps(content, default=str)
+    except ValueError as error:
+        raise DataError(source, "content", "an alias inside its own anchor", "a tree") from error
 
 
 def parse_scalar(text: str) -> Any:

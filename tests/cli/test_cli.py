@@ -30,7 +30,8 @@ def test_an_error_is_one_line_without_traceback_and_exit_code_2(tmp_path: Path) 
     done = run_cli("run", "demo", "flow=ipc", "--out", str(tmp_path))
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("mottrack: unknown flow source 'ipc' (did you mean 'icp'?)")
+    assert done.stderr.startswith("mottrack: ")
+    assert "demo.yaml: unknown flow source 'ipc' (did you mean 'icp'?); valid: " in done.stderr
 
 
 def test_list_says_what_each_part_is() -> None:

@@ -12,9 +12,11 @@ from mottrack.core import ConfigError
 from mottrack.eval.nuscenes.bootstrap import draw
 from mottrack.eval.paired import Ratio, sample
 from mottrack.paper.page import write_paper
-from mottrack.paper.plan import STUDIES, Request, Study, _spread, studies
-from mottrack.paper.published import TABLES
-from mottrack.paper.results import Results, StudyResult, claim_folder
+from mottrack.paper.plan import STUDIES, Request, Study
+from mottrack.paper.published import NONE, TABLES
+from mottrack.paper.recorded import spread
+from mottrack.paper.results import Results, StudyResult
+from mottrack.paper.studies import studies
 from mottrack.pipeline.differences import Sampling
 
 SCENES = 5
@@ -61,7 +63,9 @@ def results() -> Results:
 def test_everything_is_written_and_holds_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mottrack.paper.plan.SHIPPED", tmp_path)  # a package without Table II's
+    monkeypatch.setattr(
+        "mottrack.paper.ablations.SHIPPED", tmp_path
+    )  # a package without Table II's
     lines = list(write_paper(results(), Request(tmp_path, quick=True)))
     text = (tmp_path / "paper.html").read_text()
     assert Outline(text).open == []
@@ -96,29 +100,54 @@ def test_the_plan_composes_and_no_run_uses_a_seed_of_training(tmp_path: Path) ->
             assert table.number == "II" or runs >= set(table.variants)
 
 
-def test_a_recorded_data_set_enters_the_same_studies(shared_data: Path, tmp_path: Path) -> None:
-    request = Request(tmp_path, True, {"argoverse2": shared_data / "argoverse2"})
-    found = [study for study in studies(request) if study.dataset == "argoverse2"]
-    assert [study.name for study in found] == ["flow", "velocity"]  # nobody detected anything
-    for study in found:
+def recorded(tmp_path: Path, name: str, root: Path, *settings: str) -> dict[str, Study]:
+    found = studies(Request(tmp_path, True, {name: root}, settings))
+    return {study.name: study for study in found if study.dataset == name}
+
+
+def test_sweeps_without_detections_serve_all_but_registration_and_tracking(
+    shared_data: Path, tmp_path: Path
+) -> None:
+    found = recorded(tmp_path, "argoverse2", shared_data / "argoverse2")
+    for study in (found["flow"], found["velocity"]):
         assert {run.settings.scenes for run in study.runs} == {("pandaset-002",)}
         assert not any(run.flow.kind == "icp" for run in study.runs)
         assert {run.objects.kind for run in study.runs} == {"clusters"}
         assert len(study.left_out) == 1  # a log without sweeps is said to be one
-    nothing = Request(tmp_path, True, {"kitti": shared_data / "kitti_tracking"})
-    with pytest.raises(ConfigError, match="no scene can be used"):
-        studies(nothing)
+    assert set(found["flow"].absent) == {"icp", "icp_one_start"}
+    assert "argoverse2.detections=" in found["tracking"].reason
+
+
+def test_detections_without_sweeps_serve_the_tracker_without_flow(
+    shared_data: Path, tmp_path: Path
+) -> None:
+    root = shared_data / "nuscenes_mini"
+    boxes = f"nuscenes.detections={root / 'detections' / 'centerpoint_scene-0103.json'}"
+    found = recorded(tmp_path, "nuscenes", root, boxes)
+    (run,) = found["tracking"].runs
+    assert (run.variant, run.settings.scenes) == (NONE, ("scene-0103",))
+    assert set(found["tracking"].absent.values()) == {
+        "needs sweeps, which no scene with detections has"
+    }
+    for name in ("flow", "velocity"):
+        assert found[name].reason == "no scene has a sweep in every frame"
+    kitti = recorded(tmp_path, "kitti", shared_data / "kitti_tracking")
+    assert [study.name for study in kitti.values() if study.runs] == ["tracking"]
+
+
+def test_a_setting_of_a_data_set_that_takes_no_part_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ConfigError, match="'kitti.split=testing' is of no data set that takes part"
+    ):
+        studies(Request(tmp_path, settings=("kitti.split=testing",)))
+
+
+def test_a_data_set_without_anything_to_use_is_an_error(shared_data: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="nuscenes: no scene can be used: neither detections nor"):
+        recorded(tmp_path, "nuscenes", shared_data / "nuscenes_mini")
 
 
 def test_scenes_are_spread_evenly() -> None:
     names = [f"{k:02d}" for k in range(21)]
-    assert _spread(names, 3) == ("00", "10", "20")
-    assert _spread(names[:2], 3) == ("00", "01")
-
-
-def test_results_of_other_weights_are_refused(tmp_path: Path) -> None:
-    claim_folder(tmp_path)
-    claim_folder(tmp_path)
-    (tmp_path / "weights.json").write_text('{"base": "other"}')
-    with pytest.raises(ConfigError, match="other weights"):
-        claim_folder(tmp_path)
+    assert spread(names, 3) == ("00", "10", "20")
+    assert spread(names[:2], 3) == ("00", "01")

@@ -80,7 +80,7 @@ def _categories(tables: Tables, number: dict[str, int]) -> NDArray[np.bytes_]:
 def _check(tables: Tables, columns: Columns) -> None:
     tables.check_poses(_TABLE, columns)
     size = columns["size"]
-    outside = (size <= 0.0).any(axis=1) | (size > MAX_BOX_SIZE_M).any(axis=1)
-    tables.refuse(_TABLE, columns, outside, _SIZE)
+    outside = ((size <= 0.0) | (size > MAX_BOX_SIZE_M)).any(axis=1)
+    tables.refuse(_TABLE, columns, np.asarray(outside), _SIZE)
     for name in ("num_lidar_pts", "num_radar_pts"):
         tables.refuse(_TABLE, columns, np.asarray(columns[name] < 0), Expected(name, "0 or more"))

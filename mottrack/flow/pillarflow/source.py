@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -10,6 +11,7 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError
+from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
@@ -20,11 +22,13 @@ from mottrack.flow.pillarflow.raster import (
     network_points,
     seen_shares,
 )
+from mottrack.flow.pillarflow.shipped import weights_path
 from mottrack.flow.prepared import Prepared
 from mottrack.flow.stages import Stages, StagesConfig
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.inference.engine import Engine, Motion
+    from mottrack.flow.pillarflow.weights_file import Weights
 
 
 class PillarFlowConfig(StrictModel):
@@ -43,6 +47,10 @@ class PillarFlowConfig(StrictModel):
     max_gap_s: float = Field(0.5, gt=0, description="over a longer gap nothing is measured")
     max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
 
+    def files(self) -> tuple[Path, ...]:
+        """The weights; raises DataError if none of that name are shipped."""
+        return (weights_path(self.weights),)
+
 
 class BinaryOgmConfig(PillarFlowConfig):
     """The same with the weights of the binary occupancy network (section IV-C)."""
@@ -57,12 +65,18 @@ class PillarFlow:
     """
 
     Config: type[PillarFlowConfig] = PillarFlowConfig
+    faults = FLOW_FAULTS
 
     def __init__(
         self, config: PillarFlowConfig | None = None, *, grid: BevGrid | None = None
     ) -> None:
-        """Load the weights; raises DataError if they are absent or unusable."""
-        from mottrack.flow.pillarflow.weights_file import load_weights, weights_path
+        """Loads the weights.
+
+        Raises:
+            DataError: they are absent or unusable.
+            ConfigError: a GPU is asked for and there is none.
+        """
+        from mottrack.flow.pillarflow.weights_file import load_weights
 
         self.config = config or self.Config()
         self.grid = grid or BevGrid()
@@ -133,19 +147,16 @@ class BinaryOgmFlow(PillarFlow):
     Config = BinaryOgmConfig
 
 
-def _engine(weights: object, config: PillarFlowConfig) -> Engine:
+def _engine(weights: Weights, config: PillarFlowConfig) -> Engine:
     import torch
 
     from mottrack.flow.pillarflow.inference.cuda import CudaEngine
     from mottrack.flow.pillarflow.inference.engine import CpuEngine, has_bf16_units
     from mottrack.flow.pillarflow.threads import use_threads
-    from mottrack.flow.pillarflow.weights_file import Weights
 
-    if not isinstance(weights, Weights):
-        raise TypeError(f"weights are {type(weights).__name__}, expected Weights")
     available = torch.cuda.is_available()
     if config.device == "cuda" and not available:
-        raise ConfigError("flow.device is cuda, expected cpu or auto: no GPU is available")
+        raise ConfigError("flow.device is cuda, expected cpu or auto: torch finds no GPU")
     use_threads(config.threads)
     if available and config.device != "cpu":
         return CudaEngine(weights)

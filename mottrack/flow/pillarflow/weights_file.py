@@ -18,7 +18,6 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.network import PillarFlowNet
 
 FORMAT = "mottrack-pillarflow"
-SHIPPED = Path(__file__).parent / "weights"
 
 
 @dataclass(frozen=True)
@@ -31,17 +30,6 @@ class Weights:
     """Of its covariance, on held-out examples."""
     ground_removed: bool
     """Whether it was trained on sweeps without ground."""
-
-
-def weights_path(name: str) -> Path:
-    """File of shipped weights, or `name` itself if it is a path to a safetensors file."""
-    if name.endswith(".safetensors"):
-        return Path(name)
-    file = SHIPPED / f"{name}.safetensors"
-    if not file.exists():
-        shipped = sorted(path.stem for path in SHIPPED.glob("*.safetensors"))
-        raise DataError(file, "weights", "absent", f"one of {shipped} or a .safetensors file")
-    return file
 
 
 def save_weights(file: Path, weights: Weights) -> None:
