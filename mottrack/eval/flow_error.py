@@ -12,7 +12,7 @@ and `measured` says how many were measured.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -80,11 +80,6 @@ def flow_table(parts: Iterable[FlowSamples]) -> dict[str, FlowError]:
     masks |= _buckets("speed", "m/s", speed, SPEED_EDGES_MPS)
     masks |= _buckets("range", "m", distance, RANGE_EDGES_M)
     return {name: flow_error(samples.select(mask)) for name, mask in masks.items()}
-
-
-def as_rows(table: dict[str, FlowError]) -> dict[str, dict[str, float]]:
-    """The table as plain numbers."""
-    return {name: asdict(row) for name, row in table.items()}
 
 
 def _buckets(

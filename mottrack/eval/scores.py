@@ -27,6 +27,7 @@ from mottrack.eval.velocity_error import (
     velocity_samples,
     velocity_table,
 )
+from mottrack.formats.strict_json import strict
 from mottrack.geometry.iou import boxes7, iou_3d
 
 ROUNDING = 1e-9  # a threshold is the mean score of some track, added up in another order
@@ -113,7 +114,7 @@ class Scores:
             "velocity_error": {name: asdict(row) for name, row in self.velocity.items()},
             "flow_error": {name: asdict(row) for name, row in self.flow.items()},
         }
-        plain: dict[str, Any] = _strict(figures)
+        plain: dict[str, Any] = strict(figures)
         return plain
 
 
@@ -266,12 +267,3 @@ def _together(parts: Iterable[ClassScores]) -> ClassScores:
         identity.total(part.identity for part in listed),
         hota.total(part.hota for part in listed),
     )
-
-
-def _strict(value: Any) -> Any:
-    """The same structure with None for every number that is not finite."""
-    if isinstance(value, dict):
-        return {key: _strict(item) for key, item in value.items()}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from mottrack.core.errors import DataError, InputError
+from mottrack.formats.text_rows import read_lines
 
 _RANGES = {
     "train_detect": (
@@ -62,7 +63,7 @@ def resolve_split(split: str) -> tuple[str, ...]:
     path = Path(split)
     if split in SPLITS or not path.is_file():
         return split_scenes(split)
-    lines = (line.strip() for line in path.read_text(encoding="utf-8").splitlines())
+    lines = (line.strip() for line in read_lines(path))
     names = tuple(line for line in lines if line and not line.startswith("#"))
     if not names:
         raise DataError(path, "scene names", "none", "one scene name a line")

@@ -132,6 +132,15 @@ def write_tables(tables: Sequence[TextTable], folder: Path) -> None:
         write_text(folder / f"{table.name}.tex", to_latex(table))
 
 
+def aligned(lines: Sequence[Sequence[str]]) -> str:
+    """Lines of as many cells each for a terminal: the first column to the left, others right."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
+        for line in lines
+    )
+
+
 def _is_text(table: TextTable, k: int) -> bool:
     return any(isinstance(row[k], str) for row in table.rows)
 

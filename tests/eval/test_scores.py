@@ -2,9 +2,11 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
+import numpy as np
 import pytest
 
 from mottrack.core import SceneResult
@@ -44,6 +46,23 @@ def test_boxes_match_by_distance_or_by_overlap(make_result: Maker) -> None:
     assert by_overlap.overall.clear.mota == -1.0
     looser = score([apart], ScoreConfig(match_by="iou", match_iou=0.3)).overall.clear
     assert looser.motp == pytest.approx(1 - 2.1 / 5.9)
+
+
+@pytest.mark.parametrize("far_m", [2e4, 4e6])
+def test_scores_are_the_same_in_map_coordinates(make_result: Maker, far_m: float) -> None:
+    near = make_result(rows(shift=0.31), 6)  # its similarity is no threshold of HOTA
+    shift = far_m * np.array([1.0, -1.0, 0.0])
+    world_T_ego = near.frames.world_T_ego.copy()
+    world_T_ego[:, :3, 3] += shift
+    far = replace(
+        near,
+        frames=replace(near.frames, world_T_ego=world_T_ego),
+        truth=replace(near.truth, centre_m=near.truth.centre_m + shift),
+        tracks=replace(near.tracks, centre_m=near.tracks.centre_m + shift),
+    )
+    for config in (ScoreConfig(), ScoreConfig(match_by="iou")):
+        expected = score([near], config).overall.as_dict()
+        assert score([far], config).overall.as_dict() == pytest.approx(expected, abs=1e-8)
 
 
 def test_clusters_are_matched_whatever_their_class(make_result: Maker) -> None:

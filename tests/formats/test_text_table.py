@@ -8,6 +8,7 @@ import pytest
 from mottrack.formats.text_table import (
     Column,
     TextTable,
+    aligned,
     latex,
     to_csv,
     to_latex,
@@ -59,3 +60,8 @@ def test_three_files_a_table(tmp_path: Path) -> None:
     write_tables([TABLE], tmp_path / "tables")
     names = sorted(path.name for path in (tmp_path / "tables").iterdir())
     assert names == ["speed_error.csv", "speed_error.md", "speed_error.tex"]
+
+
+def test_lines_for_a_terminal_end_in_columns() -> None:
+    text = aligned([["class", "mota"], ["car", "0.5"], ["pedestrian", "-1.25"]])
+    assert text.splitlines() == ["class        mota", "car           0.5", "pedestrian  -1.25"]

@@ -6,12 +6,16 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from mottrack.core.errors import DataError, unknown_name
 from mottrack.core.storage import write_text
 from mottrack.eval.kitti.labels import KittiBoxes, read_boxes
 from mottrack.eval.kitti.levels import KittiMetrics, evaluate
 from mottrack.eval.kitti.matching import prepare
-from mottrack.eval.kitti.rules import CLASSES, SPLITS, KittiRules
+from mottrack.eval.kitti.rules import CLASSES, NEIGHBOURS, SPLITS, KittiRules
+from mottrack.formats.text_rows import read_lines
+from mottrack.formats.text_table import aligned
 
 _PERCENT = ("samota", "amota", "amotp", "mota", "motp")
 _COUNTS = ("ids", "frag", "fp", "fn")
@@ -28,12 +32,15 @@ class Folders:
 
 
 def sequences_of(split: str) -> tuple[str, ...]:
-    """Sequences of a split by name, of a comma-separated list, or of a file with one a line."""
+    """Sequences of a split by name, of a comma-separated list, or of a file with one a line.
+
+    Numbers of a list are filled up to four digits, as the files are named.
+    """
     if split in SPLITS:
         return SPLITS[split]
     if Path(split).is_file():
-        return tuple(Path(split).read_text(encoding="utf-8").split())
-    names = tuple(name.strip() for name in split.split(",") if name.strip())
+        return tuple(" ".join(read_lines(Path(split))).split())
+    names = tuple(name.strip().zfill(4) for name in split.split(",") if name.strip())
     if names and all(name.isdigit() for name in names):
         return names
     raise unknown_name("split", split, SPLITS)
@@ -47,15 +54,24 @@ def evaluate_folders(folders: Folders, rules: KittiRules) -> KittiMetrics:
     if rules.kind not in CLASSES:
         raise unknown_name("class", rules.kind, CLASSES)
     pairs = [
-        (_read(folders.labels, name), _read(folders.tracks, name)) for name in folders.sequences
+        [_read(folder, name, rules) for folder in (folders.labels, folders.tracks)]
+        for name in folders.sequences
     ]
     return evaluate([prepare(truth, results, rules) for truth, results in pairs], rules)
 
 
-def _read(folder: Path, sequence: str) -> KittiBoxes:
+def _read(folder: Path, sequence: str, rules: KittiRules) -> KittiBoxes:
     if not folder.is_dir():
         raise DataError(folder, "folder", "missing", "a folder of KITTI tracking text files")
-    return read_boxes(folder / f"{sequence}.txt")
+    path = folder / f"{sequence}.txt"
+    boxes = read_boxes(path)
+    compared = np.isin(boxes.kind, (rules.kind, *NEIGHBOURS[rules.kind]))
+    negative = compared & (boxes.box[:, 3:6] < 0.0).any(axis=1)
+    if rules.measure == "3d" and negative.any():
+        row = int(np.argmax(negative))
+        where = f"length, width, height of id {boxes.id[row]} in frame {boxes.frame[row]}"
+        raise DataError(path, where, boxes.box[row, 3:6].tolist(), "at least 0 m for 3d overlap")
+    return boxes
 
 
 def write_outputs(folder: Path, results: list[KittiMetrics]) -> None:
@@ -79,8 +95,6 @@ def format_table(results: list[KittiMetrics]) -> str:
         shares = [f"{100 * row[name]:.2f}" for name in _PERCENT]
         counts = [str(row[name]) for name in _COUNTS]
         lines.append([row["class"], *shares, *counts, *(f"{100 * row[n]:.2f}" for n in _SHARES)])
-    widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
-    text = ["  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in lines]
     rules = results[0].rules
     note = f"matched by {rules.measure} IoU of at least {rules.min_iou:g}; counts at the best MOTA"
-    return "\n".join([*text, note])
+    return f"{aligned(lines)}\n{note}"

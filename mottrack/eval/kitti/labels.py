@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.formats.text_rows import finite_numbers, read_lines
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -42,11 +43,7 @@ class KittiBoxes:
 
 def read_boxes(path: Path) -> KittiBoxes:
     """Reads a label or result file; raises DataError that names the broken line."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise DataError(path, "file", error.strerror, "a KITTI tracking text file") from error
-    rows = [(n, line.split()) for n, line in enumerate(lines, 1) if line.strip()]
+    rows = [(n, line.split()) for n, line in enumerate(read_lines(path), 1) if line.strip()]
     kinds = [fields[2].lower() if len(fields) > 2 else "" for _, fields in rows]
     values = np.array([_numbers(path, n, fields) for n, fields in rows]).reshape(-1, COLUMNS)
     return _boxes(values, np.array(kinds, np.str_))
@@ -56,12 +53,7 @@ def _numbers(path: Path, line: int, fields: list[str]) -> list[float]:
     """The numbers of a line in the order of the format, without the type, with a score."""
     if len(fields) not in (COLUMNS, COLUMNS + 1):
         raise DataError(path, f"line {line}", f"{len(fields)} fields", f"{COLUMNS} or one more")
-    try:
-        numbers = [float(text) for k, text in enumerate(fields) if k != 2]
-    except ValueError as error:
-        raise DataError(path, f"line {line}", str(error), "numbers") from error
-    if not np.isfinite(numbers).all():
-        raise DataError(path, f"line {line}", "NaN or infinity", "finite numbers")
+    numbers = finite_numbers(path, line, [*fields[:2], *fields[3:]])
     return [*numbers, 0.0][:COLUMNS]
 
 

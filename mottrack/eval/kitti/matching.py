@@ -9,6 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from mottrack.eval.kitti.labels import F64, I64, KittiBoxes
 from mottrack.eval.kitti.rules import NEIGHBOURS, KittiRules
 from mottrack.geometry.iou import iou_3d
+from mottrack.geometry.rectangles import rectangle_area, rectangle_iou, shared_area
 
 Mask = NDArray[np.bool_]
 _FORBIDDEN = 1e9
@@ -23,10 +24,11 @@ class Sequence:
     tracks: KittiBoxes
     """Result boxes, by frame."""
     overlaps: list[F64]
-    """Per frame (truth, tracks) IoU."""
+    """(truth, tracks) IoU of each of F frames, those that hold a box of either side."""
     truth_edges: I64
-    """(frames + 1,) first true box of each frame."""
+    """(F + 1,) first true box of each frame."""
     track_edges: I64
+    """(F + 1,) first result box of each frame."""
     ignored_truth: Mask
     """(G,) hidden or cut off, or of a neighbour class."""
     ignored_tracks: Mask
@@ -50,11 +52,11 @@ def prepare(labels: KittiBoxes, results: KittiBoxes, rules: KittiRules) -> Seque
     kinds = (rules.kind, *NEIGHBOURS[rules.kind])
     truth = _by_frame(labels.select(np.isin(labels.kind, kinds) & (labels.id >= 0)))
     tracks = _by_frame(results.select(np.isin(results.kind, kinds)))
-    frames = max(int(b.frame.max(initial=-1)) for b in (truth, tracks)) + 1
+    listed = np.unique(np.concatenate([truth.frame, tracks.frame]))
     truth_edges, track_edges = (
-        np.searchsorted(b.frame, np.arange(frames + 1)) for b in (truth, tracks)
+        np.append(np.searchsorted(b.frame, listed), len(b)) for b in (truth, tracks)
     )
-    measure = iou_3d if rules.measure == "3d" else image_iou
+    measure = iou_3d if rules.measure == "3d" else rectangle_iou
     sides = ("box", "box") if rules.measure == "3d" else ("image_box", "image_box")
     a, b = getattr(truth, sides[0]), getattr(tracks, sides[1])
     overlaps = [
@@ -62,7 +64,7 @@ def prepare(labels: KittiBoxes, results: KittiBoxes, rules: KittiRules) -> Seque
             a[truth_edges[f] : truth_edges[f + 1]],
             b[track_edges[f] : track_edges[f + 1]],
         )
-        for f in range(frames)
+        for f in range(len(listed))
     ]
     hidden = (truth.occlusion > rules.max_occlusion) | (truth.truncation > rules.max_truncation)
     return Sequence(
@@ -94,30 +96,10 @@ def _ignored_tracks(labels: KittiBoxes, tracks: KittiBoxes, rules: KittiRules) -
     regions = labels.select(labels.kind == "dontcare")
     for row in np.flatnonzero(~ignored):
         near = regions.image_box[regions.frame == tracks.frame[row]]
-        shared = _shared_area(tracks.image_box[row][None], near)
-        enough = rules.dont_care_share * _area(tracks.image_box[row])
-        ignored[row] = (shared > enough).any()
+        own = tracks.image_box[row][None]
+        enough = rules.dont_care_share * rectangle_area(own)[:, None]
+        ignored[row] = (shared_area(own, near) > enough).any()
     return ignored
-
-
-def image_iou(a: F64, b: F64) -> F64:
-    """IoU of rectangles (N, 4) and (M, 4), left, top, right, bottom."""
-    shared = _shared_area(a, b)
-    union = _area(a)[:, None] + _area(b)[None, :] - shared
-    iou: F64 = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return iou
-
-
-def _shared_area(a: F64, b: F64) -> F64:
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    area: F64 = np.prod(np.maximum(high - low, 0.0), axis=2)
-    return area
-
-
-def _area(boxes: F64) -> F64:
-    area: F64 = (boxes[..., 2] - boxes[..., 0]) * (boxes[..., 3] - boxes[..., 1])
-    return area
 
 
 def match(sequence: Sequence, active: Mask, min_iou: float) -> Match:

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.storage import write_text
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.mot.text import MotBoxes, read_boxes
-from mottrack.eval.pairs import F64, Pairs, Side, find_pairs, overlap
+from mottrack.eval.pairs import Pairs, Side, find_pairs, overlap
+from mottrack.formats.text_table import aligned
+from mottrack.geometry.rectangles import rectangle_iou
 
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
@@ -74,13 +77,13 @@ def preprocess(truth: MotBoxes, tracks: MotBoxes, min_iou: float) -> tuple[MotBo
 
 
 def _on_distractors(
-    truth: MotBoxes, tracks: MotBoxes, distract: np.ndarray[Any, np.dtype[np.bool_]], gate: float
-) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    truth: MotBoxes, tracks: MotBoxes, distract: NDArray[np.bool_], gate: float
+) -> NDArray[np.bool_]:
     """(P,) tracks whose best match among all true boxes is a distractor."""
     out = np.zeros(len(tracks), np.bool_)
     for frame in np.unique(truth.frame[distract]):
         rows, columns = np.flatnonzero(truth.frame == frame), np.flatnonzero(tracks.frame == frame)
-        similarity = image_iou(truth.box[rows], tracks.box[columns])
+        similarity = rectangle_iou(truth.box[rows], tracks.box[columns])
         similarity[similarity < gate - np.finfo(np.float64).eps] = 0.0
         i, j = linear_sum_assignment(similarity, maximize=True)
         good = similarity[i, j] > 0.0
@@ -97,21 +100,10 @@ def score_boxes(truth: MotBoxes, tracks: MotBoxes, min_iou: float = 0.5) -> MotS
 
 
 def image_pairs(truth: MotBoxes, tracks: MotBoxes) -> Pairs:
-    """All overlapping pairs of a sequence."""
-    frames = int(max(truth.frame.max(initial=0), tracks.frame.max(initial=0))) + 1
-    sides = Side(truth.frame, truth.id), Side(tracks.frame, tracks.id)
-    return find_pairs(*sides, frames, overlap(image_iou, truth.box, tracks.box))
-
-
-def image_iou(a: F64, b: F64) -> F64:
-    """IoU of rectangles (N, 4) and (M, 4), left, top, right, bottom."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    shared = np.prod(np.maximum(high - low, 0.0), axis=2)
-    areas = [(boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]) for boxes in (a, b)]
-    union = areas[0][:, None] + areas[1][None, :] - shared
-    iou: F64 = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return iou
+    """All overlapping pairs of a sequence; frames without a box on either side are passed over."""
+    listed = np.unique(np.concatenate([truth.frame, tracks.frame]))
+    first, second = (Side(np.searchsorted(listed, s.frame), s.id) for s in (truth, tracks))
+    return find_pairs(first, second, len(listed), overlap(rectangle_iou, truth.box, tracks.box))
 
 
 def together(scores: Sequence[MotScores]) -> MotScores:
@@ -137,7 +129,4 @@ def format_table(scores: dict[str, MotScores]) -> str:
     for name, score in scores.items():
         row = score.as_dict()
         lines.append([name, *(f"{row[c]:.4f}" for c in columns), *(str(row[c]) for c in counts)])
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in lines
-    )
+    return aligned(lines)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import DataError
+from mottrack.formats.text_rows import finite_numbers, read_lines
 
 F64 = NDArray[np.float64]
 MIN_FIELDS = 6
@@ -40,11 +41,8 @@ class MotBoxes:
 
 def read_boxes(path: Path) -> MotBoxes:
     """Reads a file; raises DataError that names the broken line or an identity twice in a frame."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise DataError(path, "file", error.strerror, "MOTChallenge text") from error
-    rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip()]
+    lines = enumerate(read_lines(path), 1)
+    rows = [_numbers(path, n, line) for n, line in lines if line.strip()]
     values = np.array(rows, np.float64).reshape(-1, 8)
     values = values[np.argsort(values[:, 0], kind="stable")]
     boxes = MotBoxes(
@@ -63,12 +61,7 @@ def _numbers(path: Path, line: int, text: str) -> list[float]:
     fields = text.replace(",", " ").split()
     if len(fields) < MIN_FIELDS:
         raise DataError(path, f"line {line}", f"{len(fields)} fields", f"at least {MIN_FIELDS}")
-    try:
-        numbers = [float(field) for field in fields[:8]]
-    except ValueError as error:
-        raise DataError(path, f"line {line}", str(error), "numbers") from error
-    if not np.isfinite(numbers).all():
-        raise DataError(path, f"line {line}", "NaN or infinity", "finite numbers")
+    numbers = finite_numbers(path, line, fields[:8])
     kind = numbers[7] if len(fields) == FIELDS_WITH_CLASS else -1.0
     confidence = numbers[6] if len(numbers) > MIN_FIELDS else 1.0
     return [*numbers[:MIN_FIELDS], confidence, kind]

@@ -20,6 +20,7 @@ from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
 from mottrack.eval.nuscenes.kernel import Scenes
 from mottrack.eval.nuscenes.levels import Curves, class_curves, class_scenes
 from mottrack.eval.nuscenes.rules import Rules
+from mottrack.formats.text_table import aligned
 
 F64 = NDArray[np.float64]
 RANGE_EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, np.inf)
@@ -166,7 +167,4 @@ def format_anatomy(anatomy: dict[str, ClassAnatomy]) -> str:
         gains = [anatomy[n].amota_without[kind] - anatomy[n].amota for n in names]
         counts = [str(anatomy[n].counts[kind]) for n in names]
         lines.append([kind, *counts, *(f"{gain:.3f}" for gain in gains)])
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in lines
-    )
+    return aligned(lines)

@@ -60,9 +60,14 @@ def profiles(prepared: Prepared, rules: Rules) -> list[Profile]:
 
 
 def draw(scenes: int, resamples: int, seed: int = 0) -> I64:
-    """(resamples, scenes) how often each scene is drawn."""
-    if resamples < 1:
-        raise InputError("resamples", resamples, "at least 1")
+    """(resamples, scenes) how often each scene is drawn.
+
+    Raises:
+        InputError: there is no scene, or no resample is asked for.
+    """
+    for name, count in (("scenes", scenes), ("resamples", resamples)):
+        if count < 1:
+            raise InputError(name, count, "at least 1")
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(scenes, np.full(scenes, 1.0 / scenes), size=resamples)
     return drawn.astype(np.int64)

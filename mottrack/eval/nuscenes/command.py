@@ -8,10 +8,10 @@ from pathlib import Path
 
 from mottrack.core.storage import write_text
 from mottrack.eval.nuscenes import submission_run
-from mottrack.eval.nuscenes.outputs import strict
 from mottrack.eval.nuscenes.submission_run import Evaluation, Request
 from mottrack.eval.nuscenes.table import format_table
 from mottrack.eval.nuscenes.validation import Problem
+from mottrack.formats.strict_json import strict
 
 DEFAULT_RESAMPLES = 1000
 _SHOWN_PER_FIELD = 2

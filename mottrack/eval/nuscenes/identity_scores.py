@@ -11,6 +11,7 @@ from mottrack.eval import hota, identity
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared, Samples
 from mottrack.eval.nuscenes.summary import Metrics
 from mottrack.eval.pairs import Side, centre_distance, find_pairs
+from mottrack.formats.text_table import aligned
 
 Figures = dict[str, dict[str, float]]
 
@@ -84,7 +85,5 @@ def _figures(ids: identity.IdentityCounts, sums: hota.HotaCounts) -> dict[str, f
 def format_identity(figures: Figures) -> str:
     """A line per class."""
     columns = list(figures["all"])
-    lines = ["class        " + "  ".join(name.rjust(7) for name in columns)]
-    for name, row in figures.items():
-        lines.append(name.ljust(13) + "  ".join(f"{row[c]:7.3f}" for c in columns))
-    return "\n".join(lines)
+    lines = [[name, *(f"{row[c]:.3f}" for c in columns)] for name, row in figures.items()]
+    return aligned([["class", *columns], *lines])

@@ -10,6 +10,7 @@ from typing import Any
 from mottrack.core.storage import write_text
 from mottrack.eval.nuscenes.rules import LEVEL_METRICS, SUMMARY_METRICS
 from mottrack.eval.nuscenes.summary import Metrics
+from mottrack.formats.strict_json import strict
 
 
 def summary_json(metrics: Metrics, meta: dict[str, Any], eval_time_s: float) -> dict[str, Any]:
@@ -65,14 +66,3 @@ def summary_csv(metrics: Metrics) -> str:
         cells = ["" if math.isnan(value) else repr(value) for value in values]
         writer.writerow([label, metrics.rules.interpolation, *cells])
     return text.getvalue()
-
-
-def strict(value: Any) -> Any:
-    """The same structure with None for every number that is not finite."""
-    if isinstance(value, dict):
-        return {key: strict(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [strict(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

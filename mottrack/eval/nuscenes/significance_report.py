@@ -14,8 +14,9 @@ from mottrack.eval.nuscenes.bootstrap import (
     profiles,
 )
 from mottrack.eval.nuscenes.boxes import Prepared
-from mottrack.eval.nuscenes.outputs import strict
 from mottrack.eval.nuscenes.rules import Rules
+from mottrack.formats.strict_json import strict
+from mottrack.formats.text_table import aligned
 
 SHOWN = ("amota", "amotp", "mota", "recall", "ids")
 
@@ -29,7 +30,7 @@ def bootstrap_report(prepared: Prepared, rules: Rules, resamples: int, out: Path
     lines = [["class", *SHOWN]]
     lines += [[name, *(_interval(row[m]) for m in SHOWN)] for name, row in table.items()]
     title = f"95 % intervals over {resamples} resamples of {prepared.samples.scenes} scenes"
-    return f"{title}\n{_aligned(lines)}"
+    return f"{title}\n{aligned(lines)}"
 
 
 def comparison_report(
@@ -45,7 +46,7 @@ def comparison_report(
     lines = [["class", *SHOWN]]
     lines += [[name, *(_difference(row[m]) for m in SHOWN)] for name, row in table.items()]
     title = "difference to the first submission [95 % interval] probability of being better"
-    return f"{title}\n{_aligned(lines)}"
+    return f"{title}\n{aligned(lines)}"
 
 
 def _interval(item: Interval) -> str:
@@ -55,10 +56,3 @@ def _interval(item: Interval) -> str:
 def _difference(item: Difference) -> str:
     inner = item.interval
     return f"{inner.value:+.3f} [{inner.low:+.3f}, {inner.high:+.3f}] {item.probability_better:.2f}"
-
-
-def _aligned(lines: list[list[str]]) -> str:
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    return "\n".join(
-        "  ".join(c.rjust(w) for c, w in zip(line, widths, strict=True)) for line in lines
-    )

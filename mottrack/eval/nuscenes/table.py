@@ -3,6 +3,7 @@
 import math
 
 from mottrack.eval.nuscenes.summary import Metrics
+from mottrack.formats.text_table import aligned
 
 DECIMALS = {
     "amota": 3, "amotp": 3, "recall": 3, "motar": 3, "mota": 3, "motp": 3, "mt": 0, "ml": 0,
@@ -18,19 +19,13 @@ def format_table(metrics: Metrics) -> str:
     lines = [head]
     for label, figures in (*metrics.classes.items(), ("all", metrics.total)):
         lines.append([label, *(_cell(figures[name], name) for name in DECIMALS)])
-    widths = [max(len(line[k]) for line in lines) for k in range(len(head))]
-    rows = ["  ".join(_align(line, widths)) for line in lines]
+    rows = aligned(lines).splitlines()
     rule = "-" * len(rows[0])
     note = (
         f"interpolation of gaps: {metrics.rules.interpolation}. Counts are those at the level of "
         "best MOTA; of gt, the last line has the mean."
     )
     return "\n".join([rows[0], rule, *rows[1:-1], rule, rows[-1], note])
-
-
-def _align(line: list[str], widths: list[int]) -> list[str]:
-    first, *rest = zip(line, widths, strict=True)
-    return [first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in rest)]
 
 
 def _cell(value: float, name: str) -> str:

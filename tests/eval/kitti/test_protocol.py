@@ -120,7 +120,12 @@ def test_image_overlap_and_faults(tmp_path: Path) -> None:
         files.evaluate_folders(folders, KittiRules(kind="cyclists"))
     with pytest.raises(ConfigError, match="unknown split"):
         files.sequences_of("vall")
-    assert files.sequences_of("0001,0002") == ("0001", "0002")
+    assert files.sequences_of("0001, 2") == ("0001", "0002")
+    bad = line(0, 0, 0.0).replace("1.5 1.6 4.0", "1.5 -1 4.0")
+    write(tmp_path / "l/0001.txt", bad)
+    assert files.evaluate_folders(folders, rules).best.mota == 1.0
+    with pytest.raises(DataError, match=r"0001\.txt: length, width, height of id 0 in frame 0"):
+        files.evaluate_folders(folders, KittiRules())
     write(tmp_path / "l/0001.txt", "0 1 Car 0 0\n")
     with pytest.raises(DataError, match="line 1 is 5 fields"):
         files.evaluate_folders(folders, rules)

@@ -53,10 +53,21 @@ def test_faults_name_the_line(tmp_path: Path) -> None:
         ("1,1,0,0,5\n", "line 1 is 5 fields"),
         ("1,1,0,0,5,5\n1,x,0,0,5,5\n", "line 2"),
         ("1,1,0,0,5,nan\n", "NaN"),
+        ("1.5,1,0,0,5,5\n", r"line 1, frame is 1\.5, expected a whole number"),
+        ("1,1e30,0,0,5,5\n", "line 1, id is"),
         ("1,1,0,0,5,5\n1,1,9,0,5,5\n", "id 1 is twice in frame 1"),
     ):
         path.write_text(text)
         with pytest.raises(DataError, match=complaint):
             read_boxes(path)
+    path.write_bytes(b"1,1,\xff\n")
+    with pytest.raises(DataError, match="byte is 4, expected UTF-8 text"):
+        read_boxes(path)
     path.write_text("")
     assert len(read_boxes(path)) == 0
+
+
+def test_stamps_for_frame_numbers_are_no_burden(tmp_path: Path) -> None:
+    path = tmp_path / "x.txt"
+    path.write_text("".join(f"{10**12 + k},1,0,0,5,5\n" for k in (0, 1, 5)))
+    assert score_files(path, path).as_dict()["mota"] == 1.0

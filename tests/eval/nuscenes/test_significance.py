@@ -58,6 +58,8 @@ def test_intervals_hold_the_figure_and_draws_are_repeatable(make_problem: Maker)
     assert (draw(6, 4).sum(axis=1) == 6).all()
     with pytest.raises(InputError, match="resamples"):
         draw(6, 0)
+    with pytest.raises(InputError, match="scenes is 0"):
+        draw(0, 6)
 
 
 def test_comparison_is_paired(make_problem: Maker) -> None:
