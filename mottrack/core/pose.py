@@ -45,7 +45,7 @@ class Pose:
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Pose:
-        """From a (4, 4) or (3, 4) homogeneous matrix.
+        """From a (4, 4) or (3, 4) homogeneous matrix, which is copied.
 
         Raises:
             InputError: the shape is another, or the last row is not 0, 0, 0, 1 (transposed?).
@@ -55,7 +55,7 @@ class Pose:
             raise InputError("shape of matrix", full.shape, "(4, 4) or (3, 4)")
         if np.abs(full[3:] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0) > ORTHONORMAL_TOLERANCE:
             raise InputError("last row of matrix", full[3].tolist(), "[0, 0, 0, 1]")
-        return cls(full[:3, :3], full[:3, 3])
+        return cls(full[:3, :3].copy(), full[:3, 3].copy())
 
     @classmethod
     def from_quaternion_wxyz(cls, quaternion: ArrayLike, translation_m: ArrayLike) -> Pose:

@@ -28,6 +28,8 @@ def sweep_of(
 ) -> Sweep:
     """A sweep from (N, 3) x, y, z or (N, 4) x, y, z, reflectance, ego frame, metres.
 
+    The arrays are copied: a driver may fill the same buffer again with the next turn.
+
     Raises:
         InputError: the shape is another, a number is not finite, reflectance outside [0, 1].
     """
@@ -35,17 +37,17 @@ def sweep_of(
     if array.ndim != 2 or array.shape[1] not in (3, 4):
         raise InputError("shape of points", array.shape, "(N, 3) or (N, 4)")
     return Sweep(
-        xyz_m=np.ascontiguousarray(array[:, :3]),
+        xyz_m=np.array(array[:, :3], order="C"),
         reflectance=_reflectance(array),
         stamp_ns=stamp_ns,
         world_T_ego=world_T_ego,
-        origin_m=np.asarray(origin_m, dtype=np.float64),
+        origin_m=np.array(origin_m, dtype=np.float64),
     )
 
 
 def _reflectance(points: NDArray[np.float32]) -> NDArray[np.float32]:
     known = points.shape[1] == 4
-    return np.ascontiguousarray(points[:, 3]) if known else np.zeros(len(points), np.float32)
+    return np.array(points[:, 3]) if known else np.zeros(len(points), np.float32)
 
 
 def detections_of(detections: Detections, stamp_ns: int, world_T_ego: Pose) -> Objects:
