@@ -25,7 +25,7 @@ MEANING = {
     "difference as large as the paper's",
     "undecided": "the interval holds zero and the paper's relative difference alike, or there is "
     "one scene only",
-    "not measured": "a run is missing",
+    "not measured": "a run or a figure is missing; the note under its table says why",
 }
 
 

@@ -18,9 +18,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import mottrack
 from mottrack.core.storage import write_text
 from mottrack.formats.text_table import TextTable, to_csv, to_latex, to_markdown
+from mottrack.paper.ablations import ABLATIONS, ablation_weights
 from mottrack.paper.claims import MEANING, VERDICTS, Finding
 from mottrack.paper.figures import Picture, draw_figures
-from mottrack.paper.plan import ABLATIONS, Request, ablation_weights
+from mottrack.paper.plan import Request
 from mottrack.paper.published import TABLES
 from mottrack.paper.results import Results
 from mottrack.paper.tables import beyond_table, claim_table, number_table, paper_table
@@ -49,6 +50,8 @@ class Chapter:
     sections: list[Section]
     findings: list[Finding]
     beyond: TextTable
+    not_run: dict[str, str]
+    """Title of a table to why nothing of it could be run."""
     left_out: dict[str, str]
     """Scenes that could not take part, and why."""
 
@@ -137,7 +140,13 @@ def _processor() -> str:
 
 def _chapter(results: Results, name: str, title: str) -> Chapter:
     pairs = [(table, results.find(name, table.study)) for table in TABLES]
-    known = [(table, study) for table, study in pairs if study is not None]
+    asked = [(table, study) for table, study in pairs if study is not None]
+    known = [(table, study) for table, study in asked if not study.study.reason]
+    not_run = {
+        f"Table {table.number}: {table.title}": study.study.reason
+        for table, study in asked
+        if study.study.reason
+    }
     findings = results.findings(name)
     sections = [
         Section(
@@ -149,7 +158,7 @@ def _chapter(results: Results, name: str, title: str) -> Chapter:
     ]
     beyond = beyond_table([t for t, _ in known], [s for _, s in known])
     left_out = {s: why for _, study in known for s, why in study.study.left_out.items()}
-    return Chapter(name, title, sections, findings, beyond, left_out)
+    return Chapter(name, title, sections, findings, beyond, not_run, left_out)
 
 
 def _write_tables(chapter: Chapter, folder: Path) -> None:
@@ -199,6 +208,7 @@ def _markdown(content: dict[str, Any]) -> str:
         parts.append(f"## {chapter.title}\n\n{chapter.summary}. {METHOD}.")
         parts += [to_markdown(section.shown) for section in chapter.sections]
         parts.append(to_markdown(claim_table(chapter.findings, chapter.dataset)))
+        parts += [f"**{table}**: not measured: {why}." for table, why in chapter.not_run.items()]
         if chapter.beyond.rows:
             parts.append(to_markdown(chapter.beyond))
     parts += [f"![{p.caption}](figures/{p.file.name})\n\n{p.caption}" for p in content["pictures"]]

@@ -83,11 +83,11 @@ class Results:
         }
 
     def findings(self, dataset: str) -> list[Finding]:
-        """Every claim against the runs on one data set; studies without runs are left out."""
+        """Every claim against the runs on one data set, but for studies that could not be run."""
         found = []
         for claim in claims():
             study = self.find(dataset, claim.study)
-            if study is not None and study.study.runs:
+            if study is not None and not study.study.reason:
                 difference = study.paired(claim.rival, claim.subject, claim.key)
                 found.append(Finding(claim, dataset, judge(claim, difference), difference))
         return found

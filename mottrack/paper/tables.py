@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 from mottrack.eval.paired import Sampled, t_interval
 from mottrack.formats.text_table import Cell, Column, TextTable
+from mottrack.paper.ablations import ABLATIONS
 from mottrack.paper.claims import Finding
-from mottrack.paper.plan import ABLATIONS
 from mottrack.paper.published import LABELS, Published
 from mottrack.paper.results import StudyResult
 
-ABSENT = "not measured"
+ABSENT, LEFT_OUT = "not measured", "–"
+NOTHING = "there is nothing of the kind in these scenes"
+NO_WEIGHTS = "there are no weights"
 
 
 @dataclass(frozen=True)
@@ -26,11 +28,20 @@ class Measured:
     """Half the width of the 95 % interval; NaN where there is none."""
     printed: float | None
     scenes: int
+    left_out: bool = False
+    """Whether the paper prints nothing here, on purpose: nor do we."""
+
+    @property
+    def absent(self) -> bool:
+        """Whether there should be a figure, and is none."""
+        return self.value != self.value and not self.left_out
 
     @property
     def text(self) -> str:
         """As people read it."""
-        if self.value != self.value:
+        if self.left_out:
+            return LEFT_OUT
+        if self.absent:
             ours = ABSENT
         elif self.reach != self.reach:
             ours = number(self.value)
@@ -72,14 +83,44 @@ def paper_table(table: Published, result: StudyResult) -> TextTable:
         ]
         columns = ("figure", *names)
     title = f"Table {table.number}: {table.title}"
-    scenes = f"{len(result.sampling.scenes)} scenes of {result.study.title}; ± is a 95 % interval."
     return TextTable(
         f"table_{table.number}_{result.study.dataset}",
         title,
         tuple(Column(name) for name in columns),
         tuple(rows),
-        f"{scenes} {table.note}",
+        " ".join(filter(None, (_scenes(result), table.note, _absences(table, result)))),
     )
+
+
+def _scenes(result: StudyResult) -> str:
+    count = len(result.sampling.scenes)
+    if count == 1:
+        return f"One scene of {result.study.title}, so there are no intervals."
+    return f"{count} scenes of {result.study.title}; ± is a 95 % interval."
+
+
+def _absences(table: Published, result: StudyResult) -> str:
+    """Why runs and figures are missing, in sentences."""
+    reasons: dict[str, list[str]] = {}
+    for variant in table.variants:
+        if variant not in result.sampling.figures:
+            reasons.setdefault(_reason(variant, result), []).append(LABELS[variant])
+    for line in measure(table, result):
+        for cell in line:
+            known = cell.variant in result.sampling.figures
+            if cell.absent and known and cell.heading not in reasons.get(NOTHING, ()):
+                reasons.setdefault(NOTHING, []).append(cell.heading)
+    return " ".join(f"Not measured: {', '.join(who)}: {why}." for why, who in reasons.items())
+
+
+def _reason(variant: str, result: StudyResult) -> str:
+    """Why a run is missing."""
+    if variant in result.study.absent:
+        return result.study.absent[variant]
+    failed = [why for name, why in result.failed.items() if name.startswith(f"{variant}/")]
+    if failed:
+        return f"failed: {failed[0]}"
+    return NO_WEIGHTS if variant in ABLATIONS else "not run"
 
 
 def number_table(table: Published, result: StudyResult) -> TextTable:
@@ -158,9 +199,10 @@ def _alike(table: Published) -> tuple[str, ...]:
 
 def _measured(variant: str, column: int, table: Published, sampled: Sampled | None) -> Measured:
     heading, printed = table.figures[column][0], table.printed(variant, column)
-    if sampled is None or (printed is None and variant in table.values):
+    left_out = printed is None and variant in table.values
+    if sampled is None or left_out:
         nothing = float("nan")
-        return Measured(variant, heading, nothing, nothing, printed, 0)
+        return Measured(variant, heading, nothing, nothing, printed, 0, left_out)
     scenes = int(sampled.present.sum())
     _, high = t_interval(sampled.value, sampled.draws, scenes)
     return Measured(variant, heading, sampled.value, high - sampled.value, printed, scenes)

@@ -1,0 +1,40 @@
+"""Every study that is asked for: on the embedded world, and on recorded data sets."""
+
+from __future__ import annotations
+
+from mottrack.core.errors import ConfigError
+from mottrack.paper.ablations import ablation_runs
+from mottrack.paper.plan import STUDIES, WORLD, Plan, Request, Study, config_file, read_plan
+from mottrack.paper.recorded import recorded_studies
+from mottrack.pipeline.experiment import compose
+from mottrack.pipeline.yaml_file import read_yaml
+
+
+def studies(request: Request) -> list[Study]:
+    """Every study that is asked for.
+
+    Raises:
+        ConfigError: a setting is wrong, or a data set has no scene that can be used.
+        DataError: a data set is not where it is said to be.
+    """
+    roots = request.roots or {}
+    for setting in request.settings:
+        if setting.partition(".")[0] not in roots:
+            raise ConfigError(
+                f"setting '{setting}' is of no data set that takes part, expected NAME.key=value "
+                f"with NAME one of {sorted(roots)}"
+            )
+    plan = read_plan()
+    found = [_world(name, plan, request) for name in (*STUDIES, "ball", "runtime")]
+    for name in roots:
+        found += recorded_studies(name, plan.recorded[name], request)
+    return found
+
+
+def _world(name: str, plan: Plan, request: Request) -> Study:
+    overrides = plan.quick.get(name, []) if request.quick else []
+    tree = read_yaml(config_file(name))
+    runs = compose(tree, overrides, config_file(name))
+    if name == "flow":
+        runs += ablation_runs(tree, overrides, request.ablation)
+    return Study(name, WORLD, "Embedded world", tuple(runs))
