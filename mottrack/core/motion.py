@@ -24,6 +24,9 @@ from mottrack.core.pose import rotation_2d
 UNSEEN_M2PS2 = 1e6
 """Variance of a velocity across the axis it was measured along: (1 km/s)^2 says nothing."""
 
+WEIGHT_ROUNDING = 1e-4
+"""What sums in float32 may carry a probability beyond [0, 1]."""
+
 
 @dataclass(frozen=True, slots=True)
 class FlowField:
@@ -63,7 +66,7 @@ class FlowField:
             if dtype is np.float32:
                 require_finite(name, array)
             object.__setattr__(self, name, array)
-        if not (self.weight.min() >= 0.0 and self.weight.max() <= 1.0):
+        if not (self.weight.min() >= -WEIGHT_ROUNDING and self.weight.max() <= 1 + WEIGHT_ROUNDING):
             span = [float(self.weight.min()), float(self.weight.max())]
             raise InputError("range of weight", span, "within [0, 1]")
         object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))

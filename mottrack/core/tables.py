@@ -129,7 +129,10 @@ class FrameTable(Table):
 
 @dataclass(frozen=True, slots=True)
 class TruthTable(Table):
-    """True boxes of a scene, world frame; ``frame`` is the row of the FrameTable."""
+    """True boxes of a scene, world frame, with the columns of `Truth`.
+
+    ``frame`` is the row of the FrameTable.
+    """
 
     COLUMNS: ClassVar[Columns] = {
         **BOX_COLUMNS,
@@ -161,7 +164,10 @@ class TruthTable(Table):
 
 @dataclass(frozen=True, slots=True)
 class TrackTable(Table):
-    """Tracks of a scene, world frame; ``frame`` is the row of the FrameTable."""
+    """Tracks of a scene, world frame, with columns of `Tracks`.
+
+    ``frame`` is the row of the FrameTable.
+    """
 
     COLUMNS: ClassVar[Columns] = {
         **BOX_COLUMNS,

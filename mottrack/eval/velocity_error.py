@@ -14,6 +14,9 @@ The error is |v_track - v_true| over the ground, in m/s. Categories overlap:
     slow                        speed in (stationary_mps, 3] m/s
     fast                        speed in [3, inf) m/s
 
+Then come all rows, a row for every class, and one for the labels that no detector reports. Tracks
+beyond the grid of the flow count too: they are the same for every source.
+
 "95 % largest" is the paper's word for the bad end; both readings are given: the mean over the worst
 5 % of the rows (at least one row) and the 95th percentile (linear interpolation).
 """
@@ -85,7 +88,7 @@ class VelocitySamples:
     """Track rows with their error, of one scene or of many."""
 
     error_mps: F64
-    """(N,)"""
+    """(N,) |v_track - v_true|."""
     true_speed_mps: F64
     """(N,) 0 for a track without an object."""
     label: NDArray[np.str_]

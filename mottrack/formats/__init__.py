@@ -1,1 +1,1 @@
-"""File formats that several rooms read. Imports core only."""
+"""Files and texts that several rooms read or write. Imports core only."""

@@ -21,11 +21,15 @@ class KittiBoxes:
     """Boxes of one sequence, in the order of the file."""
 
     frame: I64
+    """(N,)"""
     id: I64
+    """(N,) -1 for regions that nobody labelled."""
     kind: NDArray[np.str_]
     """(N,) type, lower case."""
     truncation: F64
+    """(N,) 0 inside the image, 1 or 2 cut off at its edge, -1 for regions."""
     occlusion: F64
+    """(N,) 0 visible, 1 partly, 2 largely hidden, 3 unknown, -1 for regions."""
     image_box: F64
     """(N, 4) left, top, right, bottom in pixels."""
     box: F64

@@ -123,7 +123,7 @@ def evaluate(sequences: Listed[Sequence], rules: KittiRules) -> KittiMetrics:
     passes = _Passes(sequences, rules)
     everything, scores = passes.run(-np.inf, 1.0)
     if not everything.counts.truth:
-        raise InputError("labels", f"without a {rules.kind} that counts", "true boxes")
+        raise InputError("labels", f"without a {rules.kind} that counts", "at least one")
     grid = thresholds(scores, everything.counts.tp + everything.counts.fn, rules.levels)
     levels = tuple(passes.run(*point)[0] for point in grid)
     best = max(levels, key=lambda level: level.mota, default=everything)

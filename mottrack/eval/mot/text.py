@@ -23,7 +23,9 @@ class MotBoxes:
     """Boxes of one sequence, by frame."""
 
     frame: NDArray[np.int64]
+    """(N,) ascending."""
     id: NDArray[np.int64]
+    """(N,)"""
     box: F64
     """(N, 4) left, top, right, bottom in pixels."""
     confidence: F64
