@@ -24,9 +24,8 @@ def as_array(
             entry that is no whole number where integers are expected, no text where labels are.
     """
     try:
-        with np.errstate(invalid="ignore", over="ignore"):
-            given = np.asarray(value)
-            array = given.astype(dtype, copy=False)
+        given = np.asarray(value)
+        array = given if given.dtype == dtype else _converted(given, dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
     fits = array.ndim == len(shape) and all(
@@ -35,16 +34,20 @@ def as_array(
     if not fits:
         want = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"shape of {field}", array.shape, want)
-    _require_nothing_lost(field, given, array)
+    if array is not given:
+        _require_nothing_lost(field, given, array)
     view = array.view()
     view.flags.writeable = False
     return view
 
 
+def _converted(given: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:
+    with np.errstate(invalid="ignore", over="ignore"):
+        return given.astype(dtype, copy=False)
+
+
 def _require_nothing_lost(field: str, given: NDArray[Any], array: NDArray[Any]) -> None:
     """Refuses what a change of type would change in silence: 1.5 to 1, NaN to a number, a None."""
-    if given.dtype == array.dtype:
-        return
     if array.dtype.kind in "iu" and given.dtype.kind in "iuf":
         require_all(field, given, given == array, f"a whole number that fits {array.dtype}")
     if array.dtype.kind == "U" and given.dtype.kind == "O":
