@@ -107,7 +107,8 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     from mottrack.pipeline.overrides import parse_override, set_key
     from mottrack.pipeline.yaml_file import read_yaml
 
-    tree = read_yaml(find_config(config))
+    path = find_config(config)
+    tree = read_yaml(path)
     for text in overrides:
         key, values = parse_override(text)
         if len(values) != 1:
@@ -116,7 +117,7 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     try:
         return TrainConfig.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError(explain(error, TrainConfig)) from error
+        raise ConfigError(f"{path}: {explain(error, TrainConfig)}") from error
 
 
 def _examples(config: ExamplesConfig, parent: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -65,6 +66,16 @@ class GroundMap(Protocol):
 
     def ground_height(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) world height of the ground at (N, 2) world positions; NaN where unknown."""
+        ...
+
+
+@runtime_checkable
+class DetectedScene(Protocol):
+    """A scene that says where a detector's boxes for it are, or were looked for."""
+
+    @property
+    def detections_at(self) -> Path:
+        """File, pattern of files or, where none was named, the data set's folder."""
         ...
 
 

@@ -24,6 +24,7 @@ class DetectionSource:
 
     Config = DetectionsConfig
     needs_sweeps = False
+    needs_detections = True
 
     def __init__(self, config: DetectionsConfig | None = None) -> None:
         self.config = config or DetectionsConfig()

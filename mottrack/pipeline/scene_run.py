@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mottrack.core.errors import DataError
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import GroundMap, Scene
+from mottrack.core.interfaces import DetectedScene, GroundMap, Scene
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
@@ -17,7 +18,7 @@ from mottrack.pipeline.album import Album, ClosedAlbum
 from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.flow_judge import FlowJudge
 from mottrack.pipeline.latency import StepTimes
-from mottrack.pipeline.stream import Pipeline
+from mottrack.pipeline.stream import Pipeline, needs_detections
 
 OnFrame = Callable[[int, int], None]
 
@@ -64,6 +65,7 @@ def run_scene(
             frame = scene.frame(index)
             sweep = scene.sweep(index) if reads_sweeps else None
         stamps_ns.append(frame.stamp_ns)
+        _check_detections(pipeline, scene, frame)
         judge.observe(frame)
         step = pipeline.step(frame, sweep)
         if step.tracks is not None:
@@ -76,6 +78,14 @@ def run_scene(
     result = _result(scene, frames, pipeline.finish(steps), judge.samples())
     result = replace(result, timings_s=pipeline.watch.seconds())
     return SceneRun(result, album.snapshots, pipeline.step_times(_period_s(stamps_ns)))
+
+
+def _check_detections(pipeline: Pipeline, scene: Scene, frame: Frame) -> None:
+    """Names the place where the detections were looked for, which the frame does not know."""
+    absent = frame.is_key and frame.detections is None and needs_detections(pipeline.objects)
+    if absent and isinstance(scene, DetectedScene):
+        expected = "a detector's boxes (dataset.detections=...), or objects=clusters"
+        raise DataError(scene.detections_at, f"detections of {scene.name}", "absent", expected)
 
 
 def _period_s(stamps_ns: list[int]) -> float:

@@ -258,3 +258,8 @@ def is_stateful(source: object) -> bool:
 def needs_sweeps(part: object) -> bool:
     """Whether a part looks at sweeps at all; one that does not say so does."""
     return bool(getattr(part, "needs_sweeps", True))
+
+
+def needs_detections(part: object) -> bool:
+    """Whether an object source lives on a detector's boxes; one that does not say so does not."""
+    return bool(getattr(part, "needs_detections", False))

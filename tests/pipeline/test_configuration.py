@@ -26,6 +26,7 @@ TOY = {
         ("a: " + "[" * 30 + "]" * 30, "nested deeper"),
         ("a: [1", "expected"),
         ("1: a", "key 1 is not a string"),
+        ("a: &x {b: *x}", "an alias inside its own anchor"),
     ],
 )
 def test_hostile_yaml_is_one_clear_error(text: str, words: str) -> None:
@@ -101,6 +102,13 @@ def test_a_sweep_is_every_combination_and_the_command_line_wins() -> None:
         (["flow=os:getcwd"], "is a builtin_function_or_method, expected a class"),
         (["dataset.kind.x=1"], "dataset.kind' has no key"),
         (["grid.cell_m=nan"], "grid.cell_m"),
+        (["grid.cell_m=0.3"], r"grid is .*whole number of cells of 0.3 m"),
+        (["grid.x_max_m=1e12"], "at most 4096 cells a side"),
+        (["scenes=[]"], r"scenes is \[\]"),
+        (["scenes=[a, a]"], "each of scenes once"),
+        (["pair_s=0.2", "max_pair_s=0.1"], "pair_s at most max_pair_s, 0.1"),
+        (["flow=builtins:dict"], "has no estimate, expected methods estimate, reset"),
+        (["dataset.frame=3"], r"does not take .*'frame'"),
     ],
 )
 def test_a_wrong_setting_names_the_key_the_value_and_the_nearest(
@@ -134,3 +142,16 @@ def test_a_group_file_beside_the_experiment_is_found(tmp_path: Path) -> None:
 def test_a_shipped_config_is_found_by_name_and_an_unknown_one_lists_them() -> None:
     with pytest.raises(ConfigError, match=r"unknown config 'kitti_flow_source' .*did you mean"):
         load_experiments("kitti_flow_source")
+
+
+def test_an_override_of_a_default_part_is_not_remembered() -> None:
+    tree = {"dataset": TOY["dataset"]}
+    (plain,) = compose(tree, [], HERE)
+    (other,) = compose(tree, ["tracker.preset=pillarflow"], HERE)
+    (again,) = compose(tree, [], HERE)
+    assert plain.hash == again.hash != other.hash
+
+
+def test_an_empty_sweep_is_refused() -> None:
+    with pytest.raises(ConfigError, match="flow is an empty list"):
+        compose({**TOY, "flow": []}, [], HERE)

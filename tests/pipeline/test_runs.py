@@ -1,16 +1,24 @@
+import io
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
-from mottrack.core import ConfigError
+from mottrack.core import ConfigError, DataError
 from mottrack.core.snapshot import load_snapshots
+from mottrack.datasets.writers import write_synthetic
+from mottrack.flow.pillarflow.shipped import SHIPPED
 from mottrack.pipeline.comparison import run_comparison
+from mottrack.pipeline.comparison_tables import comparison_tables
 from mottrack.pipeline.experiment import Experiment, compose
 from mottrack.pipeline.run_folder import RunFolder
 from mottrack.pipeline.runner import run_experiment
 from mottrack.pipeline.scene_run import run_scene
+from mottrack.pipeline.stored_comparison import load_comparison
+from mottrack.pipeline.terminal import print_comparison
 
 HERE = Path("experiment.yaml")
 
@@ -115,3 +123,67 @@ def test_scores_json_holds_every_run_and_the_configuration_lies_beside(
     assert errors[0] == pytest.approx(10.0)
     assert errors[1] < 2.0  # the first frame of each scene has no velocity yet
     assert comparison.runs[0].experiment.hash in (tmp_path / "zero" / "config.yaml").read_text()
+
+
+def test_results_of_other_code_or_other_weights_are_refused(tmp_path: Path, progress) -> None:
+    """The same guard stands before run, compare and paper: all of them claim their folders."""
+    weights = tmp_path / "mine.safetensors"
+    weights.write_bytes((SHIPPED / "small.safetensors").read_bytes())
+    tree = {
+        "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a"]},
+        "flow": {"kind": "pillarflow", "weights": str(weights)},
+        "tracker": {"kind": "toy_plugins:EchoTracker"},
+    }
+    (experiment,) = compose(tree, [], HERE)
+    folder = RunFolder(tmp_path / "run")
+    folder.claim(experiment)
+    folder.claim(experiment)
+    weights.write_bytes((SHIPPED / "base.safetensors").read_bytes())
+    with pytest.raises(ConfigError, match=r"results of another weights mine\.safetensors \(run"):
+        folder.claim(experiment)
+    weights.unlink()
+    with pytest.raises(DataError, match=r"mine\.safetensors: file is No such file"):
+        folder.claim(experiment)
+    identity = json.loads(folder.identity_file.read_text())
+    folder.identity_file.write_text(json.dumps(identity | {"code": "of yesterday"}))
+    weights.write_bytes((SHIPPED / "small.safetensors").read_bytes())
+    with pytest.raises(ConfigError, match="results of another code"):
+        folder.claim(experiment)
+
+
+def test_what_a_killed_writer_left_is_removed(tmp_path: Path, progress) -> None:
+    left = tmp_path / "scenes" / ".a.npz.x7d9.part"
+    left.parent.mkdir()
+    left.write_bytes(b"half")
+    run_experiment(toy_experiment(scenes=("a",)), RunFolder(tmp_path), workers=1, progress=progress)
+    assert not list(tmp_path.rglob("*.part"))
+    assert not left.exists()
+
+
+def test_a_run_says_whether_it_kept_up(tmp_path: Path, progress) -> None:
+    experiment = toy_experiment(scenes=("a", "b"))
+    comparison = run_comparison([experiment], tmp_path, workers=1, progress=progress)
+    report = comparison.runs[0].latency
+    assert report is not None
+    assert report.budget_ms == pytest.approx(100.0)  # the toy's sweeps are 0.1 s apart
+    assert {"flow", "objects", "velocity", "tracker", "total"} <= set(report.stages)
+    assert 10 <= report.steps <= 14  # of 2 x 8 steps those in which no stage ran first
+    table = {t.name: t for t in comparison_tables(comparison)}["latency"]
+    assert [row[1] for row in table.rows][-1] == "total"
+    shown = io.StringIO()
+    print_comparison(comparison, Console(file=shown, width=140))
+    assert f"of {report.steps} steps over it" in shown.getvalue()
+    assert load_comparison(tmp_path).runs[0].latency == report
+
+
+def test_a_scene_without_detections_names_the_place_where_they_were_looked_for(
+    tmp_path: Path,
+) -> None:
+    write_synthetic(tmp_path, "kitti", 1, seed=3, duration_s=0.2)
+    shutil.rmtree(tmp_path / "detections")
+    tree = {"dataset": {"kind": "kitti", "root": str(tmp_path)}, "score_flow": False}
+    (experiment,) = compose(tree, [], HERE)
+    scene = experiment.dataset.make().scene("0000")
+    words = r"detections/pointrcnn/{Pedestrian,Car,Cyclist}/0000.txt: detections of 0000 is absent"
+    with pytest.raises(DataError, match=words.replace("{", r"\{").replace("}", r"\}")):
+        run_scene(experiment, scene)

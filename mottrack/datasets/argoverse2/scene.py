@@ -77,6 +77,14 @@ class Argoverse2Scene:
         return np.full(len(xy_m), np.nan) if self._ground is None else self._ground.at(xy_m)
 
     @property
+    def detections_at(self) -> Path:
+        """The file of detections; the root where none was named."""
+        root, path = self._config.root, self._config.detections
+        if path is None:
+            return root
+        return path if path.is_file() else root / path
+
+    @property
     def _annotation_file(self) -> Path:
         return self._folder / "annotations.feather"
 
@@ -113,8 +121,7 @@ class Argoverse2Scene:
 
     @cached_property
     def _detections(self) -> DetectionTable | None:
-        path = self._config.detections
-        if path is None:
+        if self._config.detections is None:
             return None
-        found = path if path.is_file() else self._config.root / path
-        return read_detections(found, self.name, (self._stamps, self._poses), self._config)
+        frames = (self._stamps, self._poses)
+        return read_detections(self.detections_at, self.name, frames, self._config)

@@ -65,6 +65,11 @@ class FolderScene:
         path = sweep_file(self._folder / "sweeps", stamp_ns)
         return read_sweep(path, stamp_ns, self._poses[stamp_ns], self._config.lidar_origin_m)
 
+    @property
+    def detections_at(self) -> Path:
+        """The log's file of detections."""
+        return self._folder / "detections.csv"
+
     @cached_property
     def _truth(self) -> TruthTable | None:
         path = self._folder / "boxes.csv"
@@ -72,5 +77,5 @@ class FolderScene:
 
     @cached_property
     def _detections(self) -> DetectionTable | None:
-        path = self._folder / "detections.csv"
+        path = self.detections_at
         return read_detections(path, self._poses) if path.is_file() else None

@@ -52,5 +52,13 @@ class SequenceFiles:
         paths = (folder / kind / f"{self.sequence}.txt" for kind in DETECTOR_TYPES.values())
         return tuple(path for path in paths if path.is_file())
 
+    @property
+    def detections_at(self) -> Path:
+        """`<detections>/{Pedestrian,Car,Cyclist}/<sequence>.txt`, the root where none are read."""
+        if self.config.detections is None:
+            return self.config.root
+        kinds = ",".join(DETECTOR_TYPES.values())
+        return self.config.root / self.config.detections / f"{{{kinds}}}" / f"{self.sequence}.txt"
+
     def _text(self, folder: str) -> Path:
         return self.config.root / self.config.split / folder / f"{self.sequence}.txt"

@@ -74,6 +74,11 @@ class KittiScene:
         xyz_m, reflectance = read_points(sweep_path(self._files.sweeps, number))
         return Sweep(xyz_m, reflectance, self._stamp_ns(number), self._poses[number])
 
+    @property
+    def detections_at(self) -> Path:
+        """Pattern of the detector's files; the root where none were named."""
+        return self._files.detections_at
+
     def _stamp_ns(self, number: int) -> int:
         return round(number * self._files.config.period_s * 1e9)
 

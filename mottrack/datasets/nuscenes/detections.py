@@ -44,6 +44,11 @@ class DetectionFile:
     def __init__(self, path: Path, cache_dir: Path | None = None) -> None:
         self._path, self._cache_dir = path, cache_dir
 
+    @property
+    def path(self) -> Path:
+        """The file itself."""
+        return self._path
+
     @cached_property
     def _spans(self) -> dict[str, tuple[int, int]]:
         return indexed(self._path, self._cache_dir).spans()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,11 @@ class NuScenesScene:
         path = inside(self._config.root, name, follow_links=self._config.follow_links)
         mounting = self._record.ego_T_lidar[sweep]
         return read_sweep(path, self._stamp_ns(index), self._pose(index), mounting)
+
+    @property
+    def detections_at(self) -> Path:
+        """The file of detections; the root where none was named."""
+        return self._config.root if self._detection_file is None else self._detection_file.path
 
     def _stamp_ns(self, index: int) -> int:
         return int(self._record.sweep_stamp_us[self._sweeps[index]]) * 1000

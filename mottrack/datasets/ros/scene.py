@@ -44,6 +44,11 @@ class RosScene:
     def __len__(self) -> int:
         return len(self._places)
 
+    @property
+    def detections_at(self) -> Path:
+        """The log itself, which holds none."""
+        return self._path
+
     def frame(self, index: int) -> Frame:
         """Return the frame at `index`."""
         stamp_ns = self._places[index].stamp_ns
