@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 
@@ -71,3 +72,32 @@ def test_an_own_flow_source_measures_a_shift_and_survives_empty_sweeps(own_flow)
     nothing = sweep(np.zeros((0, 3)), 10**8)
     assert not own_flow.BlobFlow().estimate(before, nothing).valid.any()
     assert not own_flow.BlobFlow().estimate(nothing, after).valid.any()
+
+
+def test_own_detections_become_a_submission(tmp_path) -> None:
+    out = tmp_path / "submission.json"
+    program = [sys.executable, str(EXAMPLES / "track_own_detections.py")]
+    subprocess.run([*program, str(EXAMPLES / "detections.csv"), str(out)], check=True)
+    results = json.loads(out.read_text("utf-8"))["results"]
+    assert len(results) == 12
+    last = {box["tracking_id"]: box for box in results["sample-11"]}
+    speeds = sorted(float(np.hypot(*box["velocity"])) for box in last.values())
+    np.testing.assert_allclose(speeds, [0.0, 1.4, 8.0], atol=0.5)  # as the file was made
+    assert {box["tracking_id"] for box in results["sample-5"]} == set(last)
+
+
+def test_an_own_tracker_and_an_own_object_source_plug_in_by_their_names(monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    world = ["dataset.scenes=1", "dataset.duration_s=2", "flow=zero"]
+    chosen = ["objects=own_radar:RadarBoxes", "tracker=own_tracker:NearestTracker"]
+    experiment = load_to_stream("demo", [*world, *chosen, "tracker.reach_m=4"])
+    dataset = experiment.dataset.make()
+    scene = dataset.scene(dataset.scene_names[0])
+    pipeline = Pipeline(experiment)
+    steps = [pipeline.step(scene.frame(k), scene.sweep(k)) for k in range(len(scene))]
+    keys = [step for step in steps if step.tracks is not None]
+    measured = keys[-1].objects.velocity
+    assert measured.valid.any()
+    seen = keys[-1].tracks.velocity_mps[measured.valid]
+    np.testing.assert_allclose(seen, measured.mean_mps[measured.valid])
+    assert np.isin(keys[-1].tracks.id, keys[-2].tracks.id).mean() > 0.5
