@@ -58,7 +58,8 @@ def shoelace(points: F64, count: int) -> float:
 def polygon_area(points: F64) -> float:
     """Signed area of a polygon (K, 2); positive when counter-clockwise."""
     x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
-    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    following = np.arange(1 - len(points), 1)
+    return 0.5 * float(np.sum(x * y[following] - y * x[following]))
 
 
 def counter_clockwise(points: F64) -> F64:
