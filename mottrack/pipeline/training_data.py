@@ -98,7 +98,7 @@ def _world_pairs(job: ShardJob) -> Iterator[LabelledPair]:
 
 
 def _recorded_pairs(job: ShardJob) -> Iterator[LabelledPair]:
-    """Pairs spread evenly over all scenes; every fifth scene is held out."""
+    """Pairs drawn over all scenes; every fifth scene is held out, a single one is in both."""
     config = job.config
     dataset = load_part("dataset", config.dataset or {}).make()
     names = sorted(dataset.scene_names)

@@ -70,9 +70,19 @@ def test_key_frames_may_be_the_labelled_ones(log):
 
 FAULTS = {
     "stamp not later": ("poses.csv", "1100000000,", "1000000000,", "later than 1000000000"),
-    "no unit quaternion": ("poses.csv", "0.7071067811865476,0,0", "1.7,0,0", "quaternion"),
+    "no unit quaternion": (
+        "poses.csv",
+        "0.7071067811865476,0,0",
+        "1.7,0,0",
+        "pose is .* expected a unit quaternion",
+    ),
     "no number": ("boxes.csv", "10.0", "ten", "line 2, x is ten"),
     "no pose": ("boxes.csv", "1200000000", "1300000000", "a stamp of poses.csv"),
+    "far from the vehicle": ("boxes.csv", "10.0,0.0", "1e6,0.0", "x is 1000000.0, expected within"),
+    "degrees": ("boxes.csv", ",0.1", ",90", "yaw is 90.0, expected radians"),
+    "no label": ("boxes.csv", "car", "", "label is , expected a name"),
+    "identity twice": ("boxes.csv", "1200000000", "1100000000", "line 4, id is 7, expected each"),
+    "not on Earth": ("poses.csv", "5.0", "1e300", r"line 2, pose is at \[1e\+300"),
     "no size": ("detections.csv", ",4.0,", ",0.0,", "length is 0.0"),
     "other header": ("detections.csv", "score", "confidence", "the header stamp_ns,label,score"),
 }
@@ -86,6 +96,20 @@ def test_faults_are_named(log, fault):
     with pytest.raises(DataError, match=message) as caught:
         open_log(log).frame(0)
     assert caught.value.file == path
+
+
+def test_a_byte_order_mark_is_no_fault(log):
+    path = log / "poses.csv"
+    path.write_text("\ufeff" + path.read_text().replace("\n", "\r\n"))
+    assert len(open_log(log)) == 3
+
+
+def test_a_choice_of_scenes_is_not_empty_and_has_each_once(log):
+    for scenes in ((), (log.name, log.name)):
+        with pytest.raises(
+            ConfigError, match=r"dataset\.scenes is \[.*\], expected names, each once"
+        ):
+            open_log(log, scenes=scenes)
 
 
 def test_damaged_sweeps_are_named(log):

@@ -49,7 +49,7 @@ def read_poses(path: Path) -> dict[int, Pose]:
             raise OutOfOrderError(path, f"{line}, stamp_ns", stamp, f"later than {last}")
         place = np.array([table[axis][i] for axis in "xyz"])
         turn = np.array([table[name][i] for name in ("qw", "qx", "qy", "qz")])
-        poses[stamp], last = quaternion_pose(turn, place, path, f"{line}, quaternion"), stamp
+        poses[stamp], last = quaternion_pose(turn, place, path, f"{line}, pose"), stamp
     return poses
 
 

@@ -76,6 +76,18 @@ FAULTS = {
     "empty": ("annotations", "tx_m", lambda v: v.__setitem__(0, None), "empty in 1 rows"),
     "size": ("annotations", "width_m", lambda v: v.__setitem__(0, -1.0), "size of row 0"),
     "turn": ("annotations", "qw", lambda v: v.__setitem__(0, 3.0), "unit quaternion"),
+    "points": (
+        "annotations",
+        "num_interior_pts",
+        lambda v: v.__setitem__(0, -3),
+        "num_interior_pts of row 0 is -3, expected 0 or more",
+    ),
+    "place": (
+        "city_SE3_egovehicle",
+        "tx_m",
+        lambda v: v.__setitem__(1, 1e300),
+        r"pose of row 1 is at \[1e\+300",
+    ),
     "twice": ("annotations", "track_uuid", lambda v: v.__setitem__(1, v[0]), "each track once"),
     "stamp": (
         "city_SE3_egovehicle",
@@ -90,6 +102,17 @@ FAULTS = {
         "pose is missing",
     ),
 }
+
+
+def test_detections_at_other_times_are_not_taken_for_none(written_roots, tmp_path):
+    """Microseconds in the column of nanoseconds would otherwise read as an empty detector."""
+    root = written_roots["argoverse2"]
+    path = tmp_path / "detections.feather"
+    path.write_bytes((root / "detections.feather").read_bytes())
+    edit(path, "timestamp_ns", lambda v: v.__setitem__(slice(None), [1 + t // 1000 for t in v]))
+    name = next((root / "val").iterdir()).name
+    with pytest.raises(DataError, match=f"timestamp_ns of {name} is 1, expected a frame's"):
+        scene_of(root, name, detections=path).frame(0)
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -100,6 +100,32 @@ BROKEN = {
         "rotation",
     ),
     "no R_rect": ("calib/0000.txt", lambda b: b.replace(b"R_rect", b"R_left"), "R_rect is missing"),
+    "no poses": ("poses/0000.txt", lambda b: b"", "lines is 0, expected one for each frame"),
+    "no view": (
+        "calib/0000.txt",
+        lambda b: b.replace(b"P2: 700", b"P2: 0"),
+        "P2 is focal length 0",
+    ),
+    "degrees": (
+        "label_02/0000.txt",
+        lambda b: b.replace(b"-1.5707963267948966", b"-90"),
+        "line 2, ry is -90.0, expected radians",
+    ),
+    "no 64 bits": (
+        "label_02/0000.txt",
+        lambda b: b.replace(b"1 7 Van", b"1 99999999999999999999 Van"),
+        "line 3, track is 99999999999999999999, expected an integer of 64 bits",
+    ),
+    "no such frame": (
+        "label_02/0000.txt",
+        lambda b: b.replace(b"1 7 Van", b"1000000 7 Van"),
+        "line 3, frame is 1000000, expected a frame number of 0 to 999999",
+    ),
+    "not on Earth": (
+        "poses/0000.txt",
+        lambda b: b.replace(b"1 0 0 0 ", b"1 0 0 1e300 ", 1),
+        r"line 1 is at \[1e\+300",
+    ),
     "not text": ("calib/0000.txt", lambda b: b"\xff" + b, "UTF-8"),
 }
 

@@ -112,6 +112,10 @@ def test_detection_file_must_be_whole_for_a_scene(root, tmp_path):
     path.write_text('{"meta": {}, "results": {"a": [], "a": []}}')
     with pytest.raises(DataError, match="repeated"):
         scene_of(root, detections=path).frame(0)
+    for damaged in ('{"meta": {}, "results": {"a": null}}', '{"meta": {}, "results": [{}]}'):
+        path.write_text(damaged)
+        with pytest.raises(DataError, match=r"detections\.json: (results|end of file) is"):
+            scene_of(root, detections=path).frame(0)
 
 
 def test_large_tables_are_indexed_once(root, tmp_path, monkeypatch):
@@ -191,6 +195,31 @@ FAULTS = {
         lambda rows: rows[0].update({"instance_token": "nobody"}),
         "instance.json: record is missing, expected instance nobody",
     ),
+    "an instance twice": (
+        "sample_annotation",
+        lambda rows: rows.append(rows[0] | {"token": "f" * 32}),
+        "instance_token of record f+ is .*, expected each instance once a sample",
+    ),
+    "a scene name twice": (
+        "scene",
+        lambda rows: rows.append(rows[0] | {"token": "e" * 32}),
+        "scene.json: name of record e+ is scene-.*, expected each name once",
+    ),
+    "huge place": (
+        "ego_pose",
+        lambda rows: rows[0].update(translation=[1e300, 0.0, 0.0]),
+        r"translation of record .* is \[1e\+300.*, expected within 1e\+08 m",
+    ),
+    "late beyond nanoseconds": (
+        "sample_data",
+        lambda rows: rows[-1].update(timestamp=2**62),
+        "sample_data.json: timestamp is 4611686018427387904, expected microseconds",
+    ),
+    "name outside the root": (
+        "sample_data",
+        lambda rows: rows[0].update(filename="../../x.bin"),
+        "expected a path inside the data root",
+    ),
     "no LiDAR": ("sensor", lambda rows: rows.clear(), "channel is missing, expected LIDAR_TOP"),
 }
 
@@ -200,7 +229,7 @@ def test_faults_are_named(editable, fault):
     table, change, message = FAULTS[fault]
     edit(editable, table, change)
     with pytest.raises(DataError, match=message):
-        scene_of(editable).frame(0)
+        _ = scene_of(editable, rate_hz=20).frame(0), scene_of(editable, rate_hz=20).has_sweeps
 
 
 def test_splits_and_versions(root, editable, tmp_path):
