@@ -1,13 +1,15 @@
 """Overlap of rotated boxes: BeV and 3-D IoU and GIoU, all pairs of two sets.
 
 A box is a row (x, y, z, l, w, h, yaw): centre and extents in metres, heading in radians about +z,
-both sets in one frame.
+both sets in one frame. Every function raises InputError for other shapes, for numbers that are not
+finite and for negative extents.
 """
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mottrack.core.checks import require_all, require_finite
 from mottrack.core.errors import InputError
 from mottrack.geometry.polygon import clip_area, shoelace
 
@@ -86,11 +88,10 @@ def _checked(boxes: ArrayLike, name: str) -> F64:
     if array.size == 0:
         return array.reshape(0, 7)
     if array.ndim != 2 or array.shape[1] != 7:
-        raise InputError(name, f"shape {array.shape}", "(N, 7) rows of x, y, z, l, w, h, yaw")
-    if not np.isfinite(array).all():
-        raise InputError(name, "NaN or infinity", "finite boxes")
-    if (array[:, 3:6] < 0.0).any():
-        raise InputError(name, f"extent {array[:, 3:6].min():g} m", "extents of at least 0 m")
+        expected = "(N, 7) rows of x, y, z, l, w, h, yaw"
+        raise InputError(f"shape of {name}", array.shape, expected)
+    require_finite(name, array)
+    require_all(f"extent of {name}", array[:, 3:6], array[:, 3:6] >= 0.0, "at least 0 m")
     return array
 
 

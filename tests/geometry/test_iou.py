@@ -66,10 +66,12 @@ def test_empty_sets_flat_boxes_and_malformed_input() -> None:
     assert iou.iou_3d(np.empty((0, 7)), one).shape == (0, 1)
     assert iou.giou_bev(one, []).shape == (1, 0)
     assert iou.bev_iou(one * [1, 1, 1, 0, 1, 1, 1], one)[0, 0] == 0.0
-    with pytest.raises(InputError, match=r"shape \(1, 6\)"):
+    with pytest.raises(InputError, match=r"shape of a is \(1, 6\)"):
         iou.bev_iou(one[:, :6], one)
-    with pytest.raises(InputError, match="NaN"):
-        iou.bev_iou(one * np.nan, one)
+    with pytest.raises(InputError, match=r"b\[0, 2\] is nan"):
+        iou.bev_iou(one, one * [1, 1, np.nan, 1, 1, 1, 1])
+    with pytest.raises(InputError, match=r"extent of a\[0, 1\] is -1.0, expected at least 0 m"):
+        iou.iou_3d(one * [1, 1, 1, 1, -1, 1, 1], one)
 
 
 def test_polygon_intersection_of_hulls_agrees_with_shapely() -> None:
