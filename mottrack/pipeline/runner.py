@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from mottrack.core.errors import ConfigError
 from mottrack.pipeline.experiment import Experiment
@@ -50,6 +51,8 @@ def run_jobs(
 ) -> list[RunReport]:
     """The same for several experiments in one pool: none waits for another's last scene.
 
+    They take turns scene by scene: what slows the machine for a while slows them all alike.
+
     Raises:
         ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
             or other weights.
@@ -58,12 +61,11 @@ def run_jobs(
     scenes = [scene_names(job.experiment) for job in jobs]
     for job in jobs:
         job.folder.claim(job.experiment)
-    tasks = [
-        Task(job.experiment, scene, job.folder.path)
+    todo = (
+        [Task(job.experiment, s, job.folder.path) for s in names if not job.folder.finished(s)]
         for job, names in zip(jobs, scenes, strict=True)
-        for scene in names
-        if not job.folder.finished(scene)
-    ]
+    )
+    tasks = [task for turn in zip_longest(*todo) for task in turn if task is not None]
     progress.begin(title or _title(jobs), sum(map(len, scenes)), len(tasks))
     try:
         outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
