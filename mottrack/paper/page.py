@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import os
-import platform
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -98,7 +96,7 @@ def write_paper(results: Results, request: Request) -> Iterator[str]:
         "missing": missing_rows(request),
         "failed": results.failed,
         "quick": request.quick,
-        "machine": machine(),
+        "machines": results.machines,
         "method": METHOD,
         "meaning": MEANING,
         "source": SOURCE,
@@ -119,23 +117,6 @@ def missing_rows(request: Request) -> list[str]:
         for name in ABLATIONS
         if name != "pwc" and ablation_weights(name, request.ablation) is None
     ]
-
-
-def machine() -> str:
-    """What the times were measured on."""
-    import torch
-
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    device = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no GPU"
-    load = f"; load {os.getloadavg()[0]:.1f} at the end" if hasattr(os, "getloadavg") else ""
-    return f"{_processor()}, {cores} cores, {device}; flow in one thread{load}"
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 def _chapter(results: Results, name: str, title: str) -> Chapter:

@@ -22,6 +22,7 @@ from mottrack.eval.paired import (
 )
 from mottrack.eval.run_figures import Figures
 from mottrack.paper.claims import Finding, claims, judge
+from mottrack.paper.machine import machines, note_machine
 from mottrack.paper.plan import Study
 from mottrack.pipeline.differences import Contender, Sampling, sample_runs
 from mottrack.pipeline.run_folder import RunFolder
@@ -62,6 +63,8 @@ class Results:
     """All studies."""
 
     studies: tuple[StudyResult, ...]
+    machines: tuple[str, ...] = ()
+    """What the runtimes were measured on, and its load; several where a run was continued."""
 
     def find(self, dataset: str, study: str) -> StudyResult | None:
         """One study; None where it was not asked for."""
@@ -103,13 +106,24 @@ def run_studies(
     """
     together = [study for study in studies if study.name != RUNTIME]
     reports = _run(together, out, workers, progress)
+    machines_found: list[str] = []
     for study in studies:
         if study.name == RUNTIME:
-            reports |= _run([study], out, 1, progress)
-    return Results(tuple(_result(study, out, reports) for study in studies))
+            reports |= _run_alone(study, out, progress)
+            machines_found += machines(out / study.folder)
+    found = tuple(_result(study, out, reports) for study in studies)
+    return Results(found, tuple(machines_found))
 
 
 Reports = dict[tuple[Path, str], RunReport]
+
+
+def _run_alone(study: Study, out: Path, progress: Progress) -> Reports:
+    """Timed runs: one process, nothing of ours beside it."""
+    reports = _run([study], out, 1, progress)
+    if any(report.resumed < len(report.finished) for report in reports.values()):
+        note_machine(out / study.folder)
+    return reports
 
 
 def _run(studies: Sequence[Study], out: Path, workers: int, progress: Progress) -> Reports:

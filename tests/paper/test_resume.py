@@ -1,0 +1,64 @@
+"""A study that was interrupted goes on where it stopped, and nothing but the timings tells."""
+
+from pathlib import Path
+
+import pytest
+
+from mottrack.paper.plan import Study
+from mottrack.paper.published import TABLE_III
+from mottrack.paper.results import Results, run_studies
+from mottrack.paper.tables import number_table
+from mottrack.pipeline.experiment import compose
+from mottrack.pipeline.workers import Outcome
+
+TOYS = Path(__file__).parents[1] / "pipeline"
+TREE = {
+    "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a", "b"]},
+    "flow": [{"kind": "zero"}, {"kind": "toy_plugins:ConstantFlow"}],
+}
+
+
+class Interrupted:
+    """Progress that is interrupted when so many scenes have ended."""
+
+    def __init__(self, after: int = 99) -> None:
+        self.left = after
+
+    def begin(self, title: str, scenes: int, todo: int) -> None:
+        self.todo = todo
+
+    def frames(self, scene: str, done: int, total: int) -> None:
+        pass
+
+    def scene_ends(self, outcome: Outcome) -> None:
+        assert not outcome.error
+        self.left -= 1
+        if not self.left:
+            raise KeyboardInterrupt
+
+
+def run(out: Path, workers: int, progress: Interrupted) -> Results:
+    runs = tuple(compose(TREE, [], Path("toys.yaml")))
+    study = Study("tracking", "world", "World", runs)
+    return run_studies([study], out, workers=workers, progress=progress)
+
+
+def test_interrupted_and_resumed_with_other_workers_is_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(TOYS))
+    whole = run(tmp_path / "whole", 2, Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "parts", 1, Interrupted(after=2))
+    progress = Interrupted()
+    parts = run(tmp_path / "parts", 1, progress)
+    assert progress.todo == 2
+    stored = sorted(
+        path.relative_to(tmp_path / "whole") for path in tmp_path.glob("whole/**/*.npz")
+    )
+    assert len(stored) > 4  # four results, and snapshots
+    for path in stored:
+        assert (tmp_path / "whole" / path).read_bytes() == (tmp_path / "parts" / path).read_bytes()
+    tables = [number_table(TABLE_III, results.studies[0]).texts() for results in (whole, parts)]
+    assert tables[0] == tables[1]
+    assert not (whole.failed or parts.failed)
