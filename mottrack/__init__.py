@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from mottrack.core import (
         BevGrid,
         FlowField,
+        Frame,
+        MottrackError,
         Objects,
         Pose,
         SceneResult,
@@ -25,6 +27,8 @@ __version__ = "0.1.0"
 __all__ = [
     "BevGrid",
     "FlowField",
+    "Frame",
+    "MottrackError",
     "Objects",
     "Pipeline",
     "Pose",
