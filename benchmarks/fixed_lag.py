@@ -66,6 +66,7 @@ class World:
             velocity_mps=self.state[rows, 2:] + 0.3 * rng.normal(size=(len(rows), 2)),
             velocity_covariance_m2ps2=np.tile(0.1 * np.eye(2), (len(rows), 1, 1)),
             has_velocity=rng.random(len(rows)) < 0.8,
+            extent_m=np.full(len(rows), 4.5),
             weight=np.ones((len(rows), 2)),
             innovation=np.zeros((len(rows), 2)),
         )

@@ -33,9 +33,11 @@ class RobustConfig(StrictModel):
     span: int = Field(9, ge=1, description="nodes for which a window stays flagged")
     iterations: int = Field(1, ge=0, le=20, description="re-weightings per window and frame")
     max_windows: int = Field(15, ge=0, description="windows solved again per frame")
-
-    velocity_gate: float = Field(
-        0.0, ge=0, description="sigmas from the displacement that cost a velocity its weight; 0: no"
+    rest_share: float = Field(
+        0.9, gt=0, le=1, description="objects that stand still; 1: velocities are always believed"
+    )
+    growth: float = Field(
+        0.5, ge=0, description="share of a change of extent by which the position may have moved"
     )
     creep_mps: float = Field(
         1.0, ge=0, description="speed at which a visible part may slide along a standing object"
@@ -47,9 +49,9 @@ class RobustConfig(StrictModel):
 
     def huber(self) -> Huber:
         """The same numbers for the engines."""
-        judge = ("acceleration_mps2", "slide", "creep_mps")
-        witness = Witness(self.velocity_gate, **{name: getattr(self, name) for name in judge})
-        own = self.model_dump(exclude={"velocity_gate", *judge})
+        judge = ("rest_share", "growth", "acceleration_mps2", "slide", "creep_mps")
+        witness = Witness(**{name: getattr(self, name) for name in judge})
+        own = self.model_dump(exclude=set(judge))
         return Huber(**own, witness=witness)
 
 

@@ -83,6 +83,8 @@ class History(NamedTuple):
     velocity_mps: F64
     velocity_covariance_m2ps2: F64
     has_velocity: Mask
+    extent_m: F64
+    """Diagonal of the footprint; that of the newest node where there is none."""
 
 
 class FixedLagEngine(ABC, Generic[Prepared]):
@@ -202,6 +204,7 @@ class FixedLagEngine(ABC, Generic[Prepared]):
             velocity_mps=np.where(seen[..., 0], found["velocity_mps"], 0.0),
             velocity_covariance_m2ps2=np.where(seen, found["velocity_covariance_m2ps2"], np.eye(2)),
             has_velocity=has,
+            extent_m=np.where(recent.there, found["extent_m"], found["extent_m"][:, -1:]),
         )
 
     def smoothed(self, recent: Recent) -> F64:

@@ -29,6 +29,7 @@ MEASUREMENT: dict[str, tuple[Any, tuple[int, ...]]] = {
     "velocity_mps": (np.float64, (2,)),
     "velocity_covariance_m2ps2": (np.float64, (2, 2)),
     "has_velocity": (np.bool_, ()),
+    "extent_m": (np.float64, ()),
     "weight": (np.float64, (2,)),
     "innovation": (np.float64, (2,)),
 }
@@ -58,6 +59,8 @@ class NodeBatch:
     """(N, 2, 2)."""
     has_velocity: NDArray[np.bool_]
     """(N,)."""
+    extent_m: F64
+    """(N,) diagonal of the object's footprint; where it changes, so may the position."""
     weight: F64
     """(N, 2) in (0, 1], the robust weights of the position and the velocity factor."""
     innovation: F64

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import ConfigError, InputError
+from mottrack.core.faults import SOUND
 from mottrack.core.objects import Objects, Tracks
 from mottrack.trackers.association import mahalanobis
 from mottrack.trackers.fixed_lag import merge_split
@@ -75,7 +76,8 @@ class FixedLagTracker:
         measurements = self._inherit(known, heirs, measurements)
         fresh = self._adopt(known, held.tracks, (matches, pairs), heirs)
         seen = self._add_nodes(stamp_ns, known, objects, (matches, born, fresh, measurements))
-        self._huber.refine(self._engine, seen)
+        faults = SOUND if objects.velocity is None else objects.velocity.faults
+        self._huber.refine(self._engine, seen, faults)
         self._bury(stamp_ns)
         return self._published(stamp_ns, seen)
 
@@ -198,6 +200,7 @@ class FixedLagTracker:
             velocity_mps=measurements.velocity_mps[rows],
             velocity_covariance_m2ps2=measurements.velocity_covariance_m2ps2[rows],
             has_velocity=measurements.has_velocity[rows],
+            extent_m=np.hypot(objects.size_m[rows, 0], objects.size_m[rows, 1]),
             weight=self._huber.weights(innovation),
             innovation=innovation,
         )

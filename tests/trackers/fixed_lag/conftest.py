@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import Objects, VelocityMeasurement
+from mottrack.core.faults import SOUND, VelocityFaults
 
 MakeObjects = Callable[..., Objects]
 
@@ -19,14 +20,19 @@ def rectangle(x: float, y: float, length: float, width: float) -> np.ndarray:
 def clusters() -> MakeObjects:
     """Builds clusters from rows (x, y, length, width), with or without velocities."""
 
-    def make(stamp_ns: int, rows: list[tuple[float, ...]], velocity: object = None) -> Objects:
+    def make(
+        stamp_ns: int,
+        rows: list[tuple[float, ...]],
+        velocity: object = None,
+        faults: VelocityFaults = SOUND,
+    ) -> Objects:
         data = np.array(rows, float).reshape(-1, 4)
         count = len(data)
         measured = None
         if velocity is not None:
             mean = np.array(velocity, float).reshape(-1, 2)
             spread = np.tile(0.04 * np.eye(2), (count, 1, 1))
-            measured = VelocityMeasurement(mean, spread, np.ones(count, np.bool_))
+            measured = VelocityMeasurement(mean, spread, np.ones(count, np.bool_), faults)
         return Objects(
             stamp_ns=stamp_ns,
             centre_m=np.column_stack([data[:, :2], np.ones(count)]),

@@ -52,6 +52,7 @@ def scenario(frames: int, slots: int, seed: int = 0) -> Iterator[Step]:
             velocity_mps=state[rows, 2:] + 0.5 * rng.normal(size=(len(rows), 2)),
             velocity_covariance_m2ps2=covariances(rng, len(rows), 0.1),
             has_velocity=rng.random(len(rows)) < 0.8,
+            extent_m=np.full(len(rows), 4.5),
             weight=np.where(rng.random((len(rows), 2)) < 0.1, 0.3, 1.0),
             innovation=np.where(rng.random((len(rows), 2)) < 0.03, 5.0, 1.0),
         )

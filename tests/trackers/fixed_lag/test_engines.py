@@ -102,6 +102,7 @@ def batch_of(stamp_ns: int, positions: list[list[float]], birth: bool) -> NodeBa
         velocity_mps=np.zeros((count, 2)),
         velocity_covariance_m2ps2=np.tile(np.eye(2), (count, 1, 1)),
         has_velocity=np.zeros(count, np.bool_),
+        extent_m=np.full(count, 4.5),
         weight=np.ones((count, 2)),
         innovation=np.zeros((count, 2)),
     )
