@@ -80,7 +80,7 @@ class SceneResult:
             hull_xy_m=np.concatenate(hulls) if hulls else np.zeros((0, 2)),
         )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Writes everything but the timings; the file is replaced at once or not at all."""
         arrays: dict[str, NDArray[np.generic]] = {
             "format": np.array(FORMAT),
@@ -91,15 +91,16 @@ class SceneResult:
         for prefix, kind in TABLES.items():
             table = getattr(self, prefix)
             arrays |= {f"{prefix}.{column}": getattr(table, column) for column in kind.COLUMNS}
-        write_arrays(path, arrays)
+        write_arrays(Path(path), arrays)
 
     @classmethod
-    def load(cls, path: Path) -> SceneResult:
+    def load(cls, path: Path | str) -> SceneResult:
         """Reads what ``save`` wrote.
 
         Raises:
             ResultError: the file is missing, damaged, or of another version.
         """
+        path = Path(path)
         arrays = read_arrays(path)
         if str(arrays.get("format")) != FORMAT:
             raise ResultError(path, "format", arrays.get("format"), FORMAT)
