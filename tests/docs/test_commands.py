@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 import typer
+import yaml
 
 from mottrack.cli import app
 from mottrack.pipeline.configs import find_config, shipped_folder
+from mottrack.pipeline.experiment import compose
 
 from .conftest import REPOSITORY, TEXTS, blocks, names
 
@@ -57,6 +59,13 @@ def unknown_name(word: str) -> bool:
 def test_a_name_that_is_not_there_is_seen() -> None:
     assert unknown_name("flow=zero,pillarflo")
     assert not unknown_name("flow=zero,icp,my_module:MyFlow")
+
+
+def test_experiment_files_that_texts_show_are_good() -> None:
+    shown = [(f, block) for f in TEXTS for block in blocks(f, "yaml")]
+    assert len(shown) >= 2
+    for file, block in shown:
+        assert compose(yaml.safe_load(block), [], file)
 
 
 @pytest.mark.parametrize("text", names(TEXTS))

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from mottrack import Pose, Sweep
+from mottrack.pipeline.scene_run import run_scene
+from mottrack.pipeline.stream_config import load_to_stream
 
 from .conftest import INCLUDED, REPOSITORY, TEXTS, blocks, names
 
@@ -22,10 +24,25 @@ def test_there_are_blocks_to_run() -> None:
 
 
 @pytest.mark.parametrize("text", names(WITH_PYTHON))
-def test_python_blocks_of(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_blocks_of(text: str, monkeypatch: pytest.MonkeyPatch, stored_run: Path) -> None:
+    monkeypatch.chdir(stored_run)
     namespace: dict[str, Any] = what_the_reader_has()
     for number, code in enumerate(blocks(REPOSITORY / text, "python"), 1):
         exec(compile(code, f"{text}, block {number}", "exec"), namespace)  # noqa: S102
+
+
+@pytest.fixture(scope="module")
+def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the quick start's first run has been made."""
+    folder = tmp_path_factory.mktemp("reader")
+    small = ["flow=zero", "score_flow=false", "dataset.scenes=1", "dataset.duration_s=1"]
+    experiment = load_to_stream("demo", small)
+    dataset = experiment.dataset.make()
+    run = run_scene(experiment, dataset.scene("synthetic-s1000-0000"), keep_snapshots=False)
+    path = folder / "out" / "first" / "scenes" / "synthetic-s1000-0000.npz"
+    path.parent.mkdir(parents=True)
+    run.result.save(path)
+    return folder
 
 
 def what_the_reader_has() -> dict[str, Any]:
