@@ -38,6 +38,7 @@ def correlation_starts(
     distance: NDArray[np.float32],
     cells: NDArray[np.int64],
     reach: int,
+    step: int,
     count: int,
 ) -> NDArray[np.int64]:
     """(K, 2) best displacements (rows, columns) of a component, local minima, best first.
@@ -45,7 +46,8 @@ def correlation_starts(
     Args:
         distance: (H, W) capped distance map of the previous occupancy, in cells.
         cells: (M, 2) row and column of the component's cells.
-        reach: largest displacement, in cells.
+        reach: largest displacement, in steps.
+        step: cells between the displacements that are tried; the best go on by single cells.
         count: most displacements that are returned.
     """
     size = 2 * reach + 1
@@ -53,21 +55,48 @@ def correlation_starts(
     for i in range(size):
         for j in range(size):
             if (i - reach) ** 2 + (j - reach) ** 2 <= reach * reach:
-                score[i + 1, j + 1] = _mean_distance(distance, cells, i - reach, j - reach)
-    minima = np.empty((size * size, 3))
+                down, right = step * (i - reach), step * (j - reach)
+                score[i + 1, j + 1] = _mean_distance(distance, cells, down, right)
+    best: NDArray[np.int64] = step * (_lowest_minima(score, count) - 1 - reach)
+    if step > 1:
+        for k in range(len(best)):
+            _descend(distance, cells, best[k], step)
+    return best
+
+
+@njit(cache=True)
+def _lowest_minima(score: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+    """(K, 2) row and column of the finite local minima inside the rim, lowest first."""
+    minima = np.empty((score.size, 3))
     found = 0
-    for i in range(1, size + 1):
-        for j in range(1, size + 1):
-            if (
-                np.isfinite(score[i, j])
-                and score[i, j] <= score[i - 1 : i + 2, j - 1 : j + 2].min()
-            ):
-                minima[found, 0] = score[i, j]
-                minima[found, 1] = i - 1 - reach
-                minima[found, 2] = j - 1 - reach
+    for i in range(1, score.shape[0] - 1):
+        for j in range(1, score.shape[1] - 1):
+            here = score[i, j]
+            if np.isfinite(here) and here <= score[i - 1 : i + 2, j - 1 : j + 2].min():
+                minima[found, 0], minima[found, 1], minima[found, 2] = here, i, j
                 found += 1
     order = np.argsort(minima[:found, 0])[:count]
     return minima[order, 1:].astype(np.int64)
+
+
+@njit(cache=True)
+def _descend(
+    distance: NDArray[np.float32], cells: NDArray[np.int64], shift: NDArray[np.int64], most: int
+) -> None:
+    """Moves a displacement (2,), in place, downhill by single cells, `most` times at most."""
+    here = _mean_distance(distance, cells, shift[0], shift[1])
+    for _ in range(most):
+        best, down, right = here, 0, 0
+        for i in range(-1, 2):
+            for j in range(-1, 2):
+                there = _mean_distance(distance, cells, shift[0] + i, shift[1] + j)
+                if there < best:
+                    best, down, right = there, i, j
+        if best == here:
+            return
+        here = best
+        shift[0] += down
+        shift[1] += right
 
 
 @njit(cache=True)
@@ -89,7 +118,7 @@ def all_starts(
     cells: NDArray[np.int64],
     spans: NDArray[np.int64],
     wanted: NDArray[np.bool_],
-    limits: tuple[int, int, int],
+    limits: tuple[int, int, int, int],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Starts (S, 2) in cells of every wanted component and the first of each (K + 1,).
 
@@ -98,17 +127,18 @@ def all_starts(
         cells: (M, 2) cell of each point, sorted by component.
         spans: (K + 1,) first point of each component.
         wanted: (K,) components that are correlated.
-        limits: reach in cells, starts per component, points per component that are laid over.
+        limits: reach in steps, cells of a step, starts per component, points per component that
+            are laid over.
     """
     count = len(wanted)
-    starts = np.empty((count * limits[1], 2), np.int64)
+    starts = np.empty((count * limits[2], 2), np.int64)
     start_spans = np.zeros(count + 1, np.int64)
     filled = 0
     for k in range(count):
         if wanted[k]:
-            stride = max((spans[k + 1] - spans[k]) // limits[2], 1)
+            stride = max((spans[k + 1] - spans[k]) // limits[3], 1)
             chosen = np.ascontiguousarray(cells[spans[k] : spans[k + 1] : stride])
-            found = correlation_starts(distance, chosen, limits[0], limits[1])
+            found = correlation_starts(distance, chosen, limits[0], limits[1], limits[2])
             starts[filled : filled + len(found)] = found
             filled += len(found)
         start_spans[k + 1] = filled

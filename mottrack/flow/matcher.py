@@ -41,6 +41,9 @@ _SIGMA_M = 0.025
 """Noise of a registration that fits perfectly: range noise and the sampling of the surface."""
 _LAID_OVER = 40
 """Points of a component that the correlation lays over the distance map."""
+_MOST_STEPS = 48
+"""To each side that are tried: 12 m by cells of 0.25 m, 40 m/s over 0.3 s. The work grows with its
+square, so a longer way is cut into longer steps."""
 _COST_SHARE = 0.4
 """Standard deviation of one coordinate of a shift, as a share of what it leaves unexplained."""
 
@@ -191,10 +194,10 @@ class Matcher:
     ) -> Starts:
         """Starts from the correlation of occupancy, in steps of a cell, or more for long gaps."""
         reach = int(np.ceil(self.config.max_speed_mps * self.elapsed_s / self.config.cell_m))
-        distance = distance_map(self.raster.occupancy(self.previous_m), 4.0)
-        shifts, first = all_starts(
-            distance, cells, spans, wanted, (reach, self.config.starts, _LAID_OVER)
-        )
+        step = max(int(np.ceil(reach / _MOST_STEPS)), 1)
+        distance = distance_map(self.raster.occupancy(self.previous_m), 4.0 * step)
+        limits = (int(np.ceil(reach / step)), step, self.config.starts, _LAID_OVER)
+        shifts, first = all_starts(distance, cells, spans, wanted, limits)
         return shifts[:, ::-1] * self.config.cell_m, first
 
 

@@ -37,6 +37,16 @@ def test_a_car_among_walls_and_posts(source, speed_mps, yaw_rad, street_of):
     assert (np.hypot(*field.velocity_mps[away].T) > 0.5).mean() < 0.02
 
 
+@pytest.mark.parametrize("step", [5, 20])
+def test_a_long_gap_costs_no_more_and_the_car_is_found(source, step, street_of):
+    street = street_of(speed_mps=14.0)
+    field = source.estimate(street.sweep(0), street.sweep(step))
+    on_car = street.car_cells(step, GRID) & field.valid
+    error = np.hypot(*(field.velocity_mps[on_car] - [14.0, 0.0]).T)
+    assert on_car.any()
+    assert np.median(error) < 0.3
+
+
 def test_the_ends_of_a_turning_car_move_apart(source, street_of):
     street = street_of(car_start_m=(9.0, 2.0), speed_mps=6.0, turn_radps=0.45)
     field = source.estimate(street.sweep(0), street.sweep(1))

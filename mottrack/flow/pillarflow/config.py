@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
 
@@ -38,6 +38,21 @@ class NetworkConfig(StrictModel):
     context_channels: tuple[int, ...] = Field((24, 24, 24), description="context network")
     context_dilations: tuple[int, ...] = Field((1, 2, 4), description="one per context layer")
     visibility: bool = Field(True, description="unseen and seen-free of both sweeps as channels")
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        layers, dilations = len(self.context_channels), len(self.context_dilations)
+        if dilations != layers:
+            raise ValueError(
+                f"context_dilations has {dilations} numbers, expected {layers}, one for each of "
+                "context_channels"
+            )
+        if self.finest_level >= self.levels:
+            raise ValueError(
+                f"finest_level is {self.finest_level}, expected less than {self.levels}, the "
+                "number of pyramid_channels"
+            )
+        return self
 
     @property
     def levels(self) -> int:

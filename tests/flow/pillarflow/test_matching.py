@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from pydantic import ValidationError
 
+from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.cost_volume import cost_volume, cost_volume_by_shifts
 from mottrack.flow.pillarflow.presets import PRESETS
-from mottrack.flow.pillarflow.reach import check_reach, reach_m, receptive_field_m
+from mottrack.flow.pillarflow.pyramid import Pyramid
+from mottrack.flow.pillarflow.reach import (
+    check_reach,
+    pyramid_field_cells,
+    reach_m,
+    receptive_field_m,
+)
 from mottrack.flow.pillarflow.warping import warp
 
 
@@ -56,12 +64,22 @@ def test_35_mps_at_10_hz_is_within_reach(name: str) -> None:
     assert receptive_field_m(PRESETS[name]) > 2 * 3.5
 
 
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"context_dilations": (1, 2)}, "context_dilations has 2 numbers, expected 3"),
+        ({"finest_level": 3}, "finest_level is 3, expected less than 3"),
+    ],
+)
+def test_a_network_that_does_not_fit_together_is_refused(
+    settings: dict[str, object], words: str
+) -> None:
+    with pytest.raises(ValidationError, match=words):
+        NetworkConfig(**settings)
+
+
 def test_receptive_field_is_what_the_gradient_says() -> None:
     """An input outside of the stated field must not change the middle of the output."""
-    from mottrack.flow.pillarflow.config import NetworkConfig
-    from mottrack.flow.pillarflow.pyramid import Pyramid
-    from mottrack.flow.pillarflow.reach import pyramid_field_cells
-
     config = NetworkConfig(pyramid_channels=(4, 4, 4), visibility=False)
     torch.manual_seed(0)
     pyramid = Pyramid(config, inputs=1).eval()
