@@ -45,6 +45,8 @@ class Claim:
     """Whether the subject's figure is said to be the lower one."""
     published: tuple[float, float] | None = None
     """What the paper prints for subject and rival; None where it only says so."""
+    digits: int = 3
+    """Behind the point, in print."""
 
     @property
     def text(self) -> str:
@@ -52,6 +54,13 @@ class Claim:
         rival = "no velocities" if self.rival == NONE else LABELS[self.rival]
         word = "lower" if self.lower else "higher"
         return f"{self.heading}: {LABELS[self.subject]} {word} than {rival}"
+
+    @property
+    def printed(self) -> str:
+        """What the paper prints for subject and rival, as people read it."""
+        if self.published is None:
+            return "in words"
+        return ", ".join(f"{value:.{self.digits}f}" for value in self.published)
 
     @property
     def praises(self) -> bool:
@@ -129,6 +138,7 @@ def _claims_of(table: Published) -> Iterator[Claim]:
                 rival=rival,
                 lower=ours < theirs,
                 published=(ours, theirs),
+                digits=table.digits,
             )
 
 

@@ -56,6 +56,8 @@ class Published:
     note: str = ""
     upright: bool = True
     """Methods in rows; else in columns."""
+    digits: int = 3
+    """Behind the point, in print."""
 
     @property
     def variants(self) -> tuple[str, ...]:
@@ -177,5 +179,6 @@ TABLE_V = Published(
     "The paper's network and DOGMa run on a GPU, ours on one CPU thread unless the machine has a "
     "GPU. It prints its variance in ms.",
     upright=False,
+    digits=1,
 )
 TABLES = (TABLE_I, TABLE_II, TABLE_III, TABLE_IV, TABLE_V)

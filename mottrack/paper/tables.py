@@ -28,6 +28,8 @@ class Measured:
     """Half the width of the 95 % interval; NaN where there is none."""
     printed: float | None
     scenes: int
+    digits: int
+    """Of what the paper prints, behind the point."""
     left_out: bool = False
     """Whether the paper prints nothing here, on purpose: nor do we."""
 
@@ -47,7 +49,7 @@ class Measured:
             ours = number(self.value)
         else:
             ours = f"{number(self.value)} ± {number(self.reach)}"
-        return ours if self.printed is None else f"{ours} (paper {self.printed:g})"
+        return ours if self.printed is None else f"{ours} (paper {self.printed:.{self.digits}f})"
 
 
 def number(value: float) -> str:
@@ -110,7 +112,7 @@ def _absences(table: Published, result: StudyResult) -> str:
             known = cell.variant in result.sampling.figures
             if cell.absent and known and cell.heading not in reasons.get(NOTHING, ()):
                 reasons.setdefault(NOTHING, []).append(cell.heading)
-    return " ".join(f"Not measured: {', '.join(who)}: {why}." for why, who in reasons.items())
+    return " ".join(f"Not measured: {'; '.join(who)}: {why}." for why, who in reasons.items())
 
 
 def _reason(variant: str, result: StudyResult) -> str:
@@ -178,12 +180,11 @@ def _beyond(table: Published, result: StudyResult) -> Iterator[tuple[Cell, ...]]
 
 def _claim_row(finding: Finding) -> tuple[Cell, ...]:
     claim, found = finding.claim, finding.paired
-    printed = "in words" if claim.published is None else "{:g}, {:g}".format(*claim.published)
     if found is None:
-        return (claim.text, printed, ABSENT, None, None, None, finding.verdict, claim.source)
+        return (claim.text, claim.printed, ABSENT, None, None, None, finding.verdict, claim.source)
     ours = f"{number(found.value)}, {number(found.baseline)}"
     ends = (found.difference, found.low, found.high)
-    return (claim.text, printed, ours, *ends, finding.verdict, claim.source)
+    return (claim.text, claim.printed, ours, *ends, finding.verdict, claim.source)
 
 
 def _present(table: Published, result: StudyResult) -> list[str]:
@@ -202,7 +203,8 @@ def _measured(variant: str, column: int, table: Published, sampled: Sampled | No
     left_out = printed is None and variant in table.values
     if sampled is None or left_out:
         nothing = float("nan")
-        return Measured(variant, heading, nothing, nothing, printed, 0, left_out)
+        return Measured(variant, heading, nothing, nothing, printed, 0, table.digits, left_out)
     scenes = int(sampled.present.sum())
     _, high = t_interval(sampled.value, sampled.draws, scenes)
-    return Measured(variant, heading, sampled.value, high - sampled.value, printed, scenes)
+    reach = high - sampled.value
+    return Measured(variant, heading, sampled.value, reach, printed, scenes, table.digits)
