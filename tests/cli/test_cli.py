@@ -1,5 +1,8 @@
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -66,3 +69,51 @@ def test_a_failed_scene_is_named_at_the_end_with_exit_code_3(
     assert "failed poison: toy/poison.bin: point 7 is nan, expected a finite number" in done.stdout
     assert (tmp_path / "out" / "scores.json").exists()
     assert (tmp_path / "out" / "report.html").exists()
+
+
+def test_what_the_file_system_refuses_is_one_line_too(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    done = run_cli("run", "demo", "flow=zero", "--out", str(tmp_path / "file"))
+    assert done.returncode == 2
+    assert done.stderr == f"mottrack: {tmp_path / 'file'}: File exists\n"
+
+
+def test_ctrl_c_ends_everything_at_once_and_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "pipeline"))
+    (tmp_path / "toy.yaml").write_text(
+        "dataset: {kind: 'toy_plugins:ToyDataset', scenes: [a, b, c, d], frames: 40}\n"
+        "flow: zero\ntracker: {kind: 'toy_plugins:EchoTracker'}\n"
+    )
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "mottrack", "run", str(tmp_path / "toy.yaml")]
+    run = subprocess.Popen(
+        [*command, "--out", str(out), "--workers", "2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    while run.poll() is None and not list(out.glob("scenes/*.npz")):
+        time.sleep(0.02)
+    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to the workers as well
+    _, complaints = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert complaints.strip() == ""
+    assert 0 < len(list(out.glob("scenes/*.npz"))) < 8  # four results, four sets of pictures
+    assert not list(out.rglob("*.part"))
+    wait_for_end_of_group(run.pid)
+
+
+def wait_for_end_of_group(group: int, limit_s: float = 10.0) -> None:
+    """Workers are ended before the parent; a helper of multiprocessing follows it by itself."""
+    end = time.monotonic() + limit_s
+    while time.monotonic() < end:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.02)
+    pytest.fail(f"processes of group {group} live on")
