@@ -202,6 +202,9 @@ class Pipeline:
 
     def _pair(self, sweep: Sweep) -> tuple[Sweep, Sweep] | None:
         previous = self._pairs.push(sweep, consecutive=self._stateful)
+        if previous is None and self._stateful:
+            # what it remembers lies before a gap: it would refuse every sweep from here on
+            self.flow.reset()
         return None if previous is None else (previous, sweep)
 
     def _estimate(self, pair: tuple[Sweep, Sweep] | None) -> FlowField | None:
