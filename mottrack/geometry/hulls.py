@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mottrack.core.checks import require_all
+
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
@@ -33,11 +35,16 @@ class HullSet(NamedTuple):
 
 
 def hulls_of_groups(xy_m: F64, start: I64) -> HullSet:
-    """Hulls of points sorted by group: `xy_m[start[g]:start[g + 1]]` are those of group g.
+    """Hulls of points (N, 2) sorted by group: `xy_m[start[g]:start[g + 1]]` are those of group g.
 
-    Groups must not be empty. A group on a line, or of one or two points, gets the rectangle around
-    its points, padded by 5 cm, so that every hull has an area.
+    A group on a line, or of one or two points, gets the rectangle around its points, padded by
+    5 cm, so that every hull has an area.
+
+    Raises:
+        InputError: a group holds no point.
     """
+    sizes = np.diff(start)
+    require_all("points of group", sizes, sizes > 0, "at least one")
     corner_m, first = _hulls(xy_m, start)
     centroid_m, rectangle = _summaries(corner_m, first)
     return HullSet(corner_m, first, centroid_m, rectangle)

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from mottrack.core import InputError
 from mottrack.geometry.hulls import hulls_of_groups
 from mottrack.objects.clustering import box_mask, component_labels, split_large
 
@@ -113,3 +114,8 @@ def test_hulls_equal_shapelys(sizes: list[int], seed: int, rounding: float) -> N
             assert hulls.rectangle[group, 2:4].prod() == pytest.approx(smallest, rel=1e-6)
         else:
             assert ours.area > 0
+
+
+def test_a_group_without_points_has_no_hull() -> None:
+    with pytest.raises(InputError, match=r"points of group\[1\] is 0, expected at least one"):
+        hulls_of_groups(np.ones((3, 2)), np.array([0, 3, 3]))
