@@ -85,17 +85,17 @@ def submit(
     split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
 ) -> None:
     """Write the tracks of a run as a nuScenes tracking submission."""
-    from mottrack.core import SceneResult
     from mottrack.core.errors import DataError
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes
     from mottrack.datasets.nuscenes.submission import write_submission
+    from mottrack.pipeline.run_folder import RunFolder
 
-    files = sorted(p for p in (run / "scenes").glob("*.npz") if "." not in p.stem)
-    if not files:
+    folder = RunFolder(run)
+    if not folder.scenes:
         raise DataError(run, "scenes", "none", "scenes/<scene>.npz of a finished run")
     tokens = None
     if root is not None:
         tokens = NuScenes(NuScenesConfig(root=root, split=split)).sample_tokens()
-    boxes = write_submission(out, map(SceneResult.load, files), sample_tokens=tokens)
-    typer.echo(f"{out}: {boxes} boxes in {len(files)} scenes")
+    boxes = write_submission(out, map(folder.load, folder.scenes), sample_tokens=tokens)
+    typer.echo(f"{out}: {boxes} boxes in {len(folder.scenes)} scenes")

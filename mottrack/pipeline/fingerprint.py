@@ -36,7 +36,7 @@ def fingerprint(experiment: Experiment) -> dict[str, str]:
     return {
         "configuration": experiment.hash,
         "version": mottrack.__version__,
-        "code": _digest([*_package_files(), *_plug_ins(experiment)]),
+        "code": hashlib.sha256((_package() + _digest(_plug_ins(experiment))).encode()).hexdigest(),
         **weights,
     }
 
@@ -52,8 +52,9 @@ def _plug_ins(experiment: Experiment) -> list[Path]:
 
 
 @cache
-def _package_files() -> tuple[Path, ...]:
-    return tuple(sorted(file for room in ROOMS for file in (PACKAGE / room).rglob("*.py")))
+def _package() -> str:
+    """Of the package's own sources; once a process, which does not import them again."""
+    return _digest(sorted(file for room in ROOMS for file in (PACKAGE / room).rglob("*.py")))
 
 
 def _digest(files: list[Path]) -> str:

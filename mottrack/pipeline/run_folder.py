@@ -18,6 +18,8 @@ from mottrack.pipeline.fingerprint import fingerprint
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
 
+RESULT, SNAPSHOTS = ".npz", ".snapshots.npz"
+
 
 @dataclass(frozen=True)
 class RunFolder:
@@ -37,7 +39,7 @@ class RunFolder:
 
     def scene_file(self, scene: str) -> Path:
         """The stored result of a scene."""
-        return self.path / "scenes" / f"{_file_name(scene)}.npz"
+        return self.path / "scenes" / f"{_file_name(scene)}{RESULT}"
 
     def timings_file(self, scene: str) -> Path:
         """Seconds per stage and frame, kept apart since they differ from run to run."""
@@ -45,11 +47,17 @@ class RunFolder:
 
     def snapshots_file(self, scene: str) -> Path:
         """Points, flow and objects of its key frames, if kept: core.snapshot."""
-        return self.path / "scenes" / f"{_file_name(scene)}.snapshots.npz"
+        return self.path / "scenes" / f"{_file_name(scene)}{SNAPSHOTS}"
 
     def latency_file(self, scene: str) -> Path:
         """Seconds per stage of every step, key frame or not."""
         return self.path / "scenes" / f"{_file_name(scene)}.latency.json"
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the scenes with a stored result, sorted."""
+        names = (file.name for file in (self.path / "scenes").glob(f"*{RESULT}"))
+        return tuple(sorted(n.removesuffix(RESULT) for n in names if not n.endswith(SNAPSHOTS)))
 
     def claim(self, experiment: Experiment) -> None:
         """Writes the configuration, or checks that the folder already belongs to it.

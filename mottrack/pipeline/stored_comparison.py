@@ -72,7 +72,5 @@ def _experiment(run: RunFolder, variant: str) -> Experiment:
 
 def _scenes(run: RunFolder, note: Mapping[str, Any]) -> tuple[str, ...]:
     """Scenes with a result, in the order of the data set as far as it is known."""
-    files = run.scene_file("any").parent.glob("*.npz")
-    there = sorted(f.stem for f in files if not f.name.endswith(".snapshots.npz"))
-    listed = [scene for scene in note.get("scenes", ()) if scene in there]
-    return (*listed, *(scene for scene in there if scene not in listed))
+    listed = [scene for scene in note.get("scenes", ()) if scene in run.scenes]
+    return (*listed, *(scene for scene in run.scenes if scene not in listed))

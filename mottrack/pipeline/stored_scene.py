@@ -10,9 +10,6 @@ from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots
 from mottrack.pipeline.run_folder import RunFolder
 
-SUFFIX = ".npz"
-SIDE_FILES = ".snapshots.npz"
-
 
 @dataclass(frozen=True)
 class StoredScene:
@@ -46,11 +43,9 @@ def stored_scenes(run: Path) -> tuple[str, ...]:
         if inside:
             raise ConfigError(f"{run} holds several runs; name one of: {', '.join(inside)}")
         raise ResultError(run, "content", "no config.yaml", "the folder of a run")
-    files = [path.name for path in (run / "scenes").glob(f"*{SUFFIX}")]
-    names = sorted(name.removesuffix(SUFFIX) for name in files if not name.endswith(SIDE_FILES))
-    if not names:
+    if not folder.scenes:
         raise ResultError(run, "finished scenes", "none", "scenes/<scene>.npz")
-    return tuple(sorted(names, key=lambda name: not folder.snapshots_file(name).exists()))
+    return tuple(sorted(folder.scenes, key=lambda name: not folder.snapshots_file(name).exists()))
 
 
 def pick_scene(run: Path, scene: str | None) -> str:
