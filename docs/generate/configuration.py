@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 
 from fields import rows
 from pieces import code, paragraphs, table
@@ -59,10 +60,19 @@ def _table(model: type[BaseModel], prefix: str) -> str:
 
 def _shipped() -> str:
     folder = shipped_folder()
+    of_groups = [file for group in TABLES for file in sorted((folder / group).glob("*.yaml"))]
     lines = []
-    of_groups = [file for group in TABLES for file in (folder / group).glob("*.yaml")]
-    for file in sorted([*folder.glob("*.yaml"), *of_groups]):
+    for file in (*sorted(folder.glob("*.yaml")), *of_groups):
         name = str(file.relative_to(folder).with_suffix(""))
-        said = [line[2:] for line in file.read_text("utf-8").splitlines() if line.startswith("# ")]
-        lines.append((code(name.replace("/", "=")), said[0] if said else ""))
+        lines.append((code(name.replace("/", "=")), _first_sentence(file)))
     return "## Shipped files\n\n" + table(("name", ""), lines)
+
+
+def _first_sentence(file: Path) -> str:
+    """The comment at the head of a file, up to the first line that ends a sentence."""
+    said: list[str] = []
+    for line in file.read_text("utf-8").splitlines():
+        if not line.startswith("# ") or (said and said[-1].endswith((".", "?"))):
+            break
+        said.append(line[2:])
+    return " ".join(said)

@@ -12,10 +12,10 @@ from mottrack.config import StrictModel
 class DensityConfig(StrictModel):
     """How busy the scenes are; 1 is an ordinary day."""
 
-    vehicles: float = Field(1.0, gt=0.05, le=4.0, description="moving vehicles")
-    pedestrians: float = Field(1.0, gt=0.05, le=6.0, description="people on foot")
-    parked: float = Field(1.0, ge=0.0, le=1.3, description="vehicles at the kerb")
-    unknown: float = Field(1.0, ge=0.0, le=10.0, description="animals, balls, debris")
+    vehicles: float = Field(1.0, gt=0.05, le=4.0, description="factor on moving vehicles")
+    pedestrians: float = Field(1.0, gt=0.05, le=6.0, description="factor on people on foot")
+    parked: float = Field(1.0, ge=0.0, le=1.3, description="factor on vehicles at the kerb")
+    unknown: float = Field(1.0, ge=0.0, le=10.0, description="factor on animals, balls, debris")
 
 
 class PoseErrorConfig(StrictModel):
