@@ -22,7 +22,7 @@ from mottrack.paper.figures import Picture, draw_figures
 from mottrack.paper.plan import Request
 from mottrack.paper.published import TABLES
 from mottrack.paper.results import Results
-from mottrack.paper.tables import beyond_table, claim_table, number_table, paper_table
+from mottrack.paper.tables import beyond_table, claim_table, number, number_table, paper_table
 from mottrack.pipeline.comparison_tables import METHOD
 
 STYLES = ("base.css", "parts.css")
@@ -171,6 +171,7 @@ def _page(content: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters["data_url"] = _data_url
+    environment.filters["number"] = number
     environment.filters["slug"] = lambda text: text.replace(" ", "-")
     styles = files("mottrack.report").joinpath("templates", "css")
     style = "\n".join(styles.joinpath(name).read_text() for name in STYLES)

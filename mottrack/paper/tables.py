@@ -13,6 +13,7 @@ from mottrack.paper.published import LABELS, Published
 from mottrack.paper.results import StudyResult
 
 ABSENT, LEFT_OUT = "not measured", "–"
+LARGE = 20.0
 NOTHING = "there is nothing of the kind in these scenes"
 NO_WEIGHTS = "there are no weights"
 
@@ -52,9 +53,9 @@ class Measured:
         return ours if self.printed is None else f"{ours} (paper {self.printed:.{self.digits}f})"
 
 
-def number(value: float) -> str:
-    """Three digits, or one for what is large."""
-    return f"{value:.3f}" if abs(value) < 20 else f"{value:.1f}"
+def number(value: float, sign: str = "") -> str:
+    """Three digits behind the point, or one for what is large; with its sign for ``+``."""
+    return f"{value:{sign}.{3 if abs(value) < LARGE else 1}f}"
 
 
 def measure(table: Published, result: StudyResult) -> list[list[Measured]]:
