@@ -48,7 +48,7 @@ def prepare_results(results: Sequence[SceneResult], rules: Rules) -> Prepared:
 def _near_origin(result: SceneResult) -> SceneResult:
     """The scene shifted by whole metres if it lies more than `FAR_M` from the world's origin.
 
-    The official distance is a difference of squared coordinates: at 4e6 m it is off by up to 6 cm.
+    The official distance is a difference of squared coordinates: at 4e6 m it is off by up to 9 cm.
     """
     world_T_ego = result.frames.world_T_ego
     if np.abs(world_T_ego[:, :2, 3]).max(initial=0.0) <= FAR_M:
