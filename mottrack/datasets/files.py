@@ -165,6 +165,33 @@ def refuse_rows(
         raise DataError(path, f"line {table['line'][rows[0]]}, {name}", value, expected)
 
 
+def check_boxes(
+    path: Path,
+    table: dict[str, NDArray[Any]],
+    size: tuple[str, ...],
+    place: tuple[str, ...],
+    heading: str,
+) -> None:
+    """Raise `DataError` for the first box whose size, place or heading is out of range.
+
+    Args:
+        path: file of the table.
+        table: columns (N,) in metres and radians, as `read_table` returns them.
+        size: names of length, width and height.
+        place: names of the coordinates about the vehicle.
+        heading: name of the angle.
+
+    """
+    for name in size:
+        wrong = (table[name] <= 0.0) | (table[name] > MAX_BOX_SIZE_M)
+        refuse_rows(path, table, wrong, name, f"in (0, {MAX_BOX_SIZE_M:g}] m")
+    for name in place:
+        too_far = np.abs(table[name]) > MAX_BOX_RANGE_M
+        refuse_rows(path, table, too_far, name, f"within {MAX_BOX_RANGE_M:g} m of the vehicle")
+    turned = np.abs(table[heading]) > MAX_ANGLE_RAD
+    refuse_rows(path, table, turned, heading, "radians, at most two turns")
+
+
 def repeated_rows(keys: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return (N,) whether a row of (N, K) `keys` stands before already."""
     repeated = np.ones(len(keys), dtype=bool)

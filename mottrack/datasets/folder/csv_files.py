@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 
 from mottrack.core import Pose, TruthTable
 from mottrack.datasets.faults import OutOfOrderError
-from mottrack.datasets.files import (
-    MAX_ANGLE_RAD,
-    MAX_BOX_RANGE_M,
-    MAX_BOX_SIZE_M,
-    Column,
-    read_table,
-    refuse_rows,
-    repeated_rows,
-)
+from mottrack.datasets.files import Column, check_boxes, read_table, refuse_rows, repeated_rows
 from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.rigid import quaternion_pose
 from mottrack.datasets.tables import DetectionTable, to_world
@@ -93,25 +85,13 @@ def read_detections(path: Path, poses: Mapping[int, Pose]) -> DetectionTable:
 def _in_frames(path: Path, table: Columns, poses: Mapping[int, Pose]) -> Columns:
     """Check the rows, add the index of their frame and sort by it."""
     index = {stamp: i for i, stamp in enumerate(poses)}
-    _check_boxes(path, table)
+    check_boxes(path, table, ("length", "width", "height"), ("x", "y", "z"), "yaw")
+    refuse_rows(path, table, table["label"] == "", "label", "a name")
     lost = np.array([stamp not in index for stamp in table["stamp_ns"].tolist()], dtype=bool)
     refuse_rows(path, table, lost, "stamp_ns", "a stamp of poses.csv")
     frame = np.array([index[s] for s in table["stamp_ns"].tolist()], dtype=np.int64)
     order = np.argsort(frame, kind="stable")
     return {name: values[order] for name, values in (table | {"frame": frame}).items()}
-
-
-def _check_boxes(path: Path, table: Columns) -> None:
-    for name in ("length", "width", "height"):
-        wrong = (table[name] <= 0.0) | (table[name] > MAX_BOX_SIZE_M)
-        refuse_rows(path, table, wrong, name, f"in (0, {MAX_BOX_SIZE_M:g}] m")
-    for name in ("x", "y", "z"):
-        too_far = np.abs(table[name]) > MAX_BOX_RANGE_M
-        refuse_rows(path, table, too_far, name, f"within {MAX_BOX_RANGE_M:g} m of the vehicle")
-    refuse_rows(
-        path, table, np.abs(table["yaw"]) > MAX_ANGLE_RAD, "yaw", "radians, at most two turns"
-    )
-    refuse_rows(path, table, table["label"] == "", "label", "a name")
 
 
 def _placed(

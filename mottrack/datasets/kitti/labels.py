@@ -9,15 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.datasets.files import (
-    MAX_ANGLE_RAD,
-    MAX_BOX_RANGE_M,
-    MAX_BOX_SIZE_M,
-    Column,
-    read_table,
-    refuse_rows,
-    repeated_rows,
-)
+from mottrack.datasets.files import Column, check_boxes, read_table, refuse_rows, repeated_rows
 from mottrack.datasets.kitti.boxes import CameraBoxes
 
 DONT_CARE = "DontCare"
@@ -112,11 +104,4 @@ def _camera_boxes(table: dict[str, NDArray[Any]]) -> CameraBoxes:
 def _check_rows(path: Path, table: dict[str, NDArray[Any]]) -> None:
     no_frame = (table["frame"] < 0) | (table["frame"] > MAX_FRAME)
     refuse_rows(path, table, no_frame, "frame", f"a frame number of 0 to {MAX_FRAME}")
-    for name in ("h", "w", "l"):
-        wrong = (table[name] <= 0.0) | (table[name] > MAX_BOX_SIZE_M)
-        refuse_rows(path, table, wrong, name, f"in (0, {MAX_BOX_SIZE_M:g}] m")
-    for name in ("x", "y", "z"):
-        too_far = np.abs(table[name]) > MAX_BOX_RANGE_M
-        refuse_rows(path, table, too_far, name, f"within {MAX_BOX_RANGE_M:g} m")
-    turned = np.abs(table["ry"]) > MAX_ANGLE_RAD
-    refuse_rows(path, table, turned, "ry", "radians, at most two turns")
+    check_boxes(path, table, ("h", "w", "l"), ("x", "y", "z"), "ry")
