@@ -11,7 +11,7 @@ from mottrack.pipeline.comparison import Comparison
 from mottrack.pipeline.stored_comparison import load_comparison
 from mottrack.report.page import write_report
 
-VOID = {"meta", "img", "br", "link", "input", "line", "rect"}
+VOID = {"wbr", "meta", "img", "br", "link", "input", "line", "rect"}
 
 
 class Outline(HTMLParser):
