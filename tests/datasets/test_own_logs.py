@@ -226,6 +226,8 @@ def test_ros_faults_are_named(bag):
         open_bag(bag, points_topic="/lidar")
     with pytest.raises(DataError, match="odometry is missing"):
         open_bag(bag, max_gap_s=0.01)
+    with pytest.raises(DataError, match="no message on /odom, expected one of"):
+        open_bag(bag, odometry_topic="/odom")
     data = bag.read_bytes()
     rng = np.random.default_rng(0)
     for _ in range(100):
@@ -243,3 +245,18 @@ def test_ros_faults_are_named(bag):
         except DataError as error:
             told += error.file == bag
     assert told > 50  # chunks carry a checksum; the rest is in indices and names
+
+
+def test_a_message_that_was_recorded_cut_is_named(bag, monkeypatch):
+    """The file is whole, its content is not: a recorder that was out of memory."""
+    from mottrack.datasets.ros.mcap_file import McapFile
+
+    whole = McapFile._raw
+
+    def cut(self, topic, at_ns=None):
+        for log, kind, data in whole(self, topic, at_ns):
+            yield log, kind, data[:200] if topic == "/points" else data
+
+    monkeypatch.setattr(McapFile, "_raw", cut)
+    with pytest.raises(DataError, match=r"drive\.mcap: content is unreadable \(SerdeError"):
+        open_bag(bag).sweep(0)

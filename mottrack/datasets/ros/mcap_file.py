@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdError
 
@@ -21,6 +22,7 @@ _CDR_HEADER_BYTES = 4
 # what the libraries raise on damaged bytes: they check little themselves
 _FAULTS = (
     McapError,
+    SerdeError,
     ZstdError,
     OSError,
     struct.error,
@@ -58,12 +60,16 @@ class McapFile:
         """
         with self._faults():
             found = [Place(log, _header_stamp(data)) for log, _, data in self._raw(topic)]
-        if not found:
-            raise DataError(self._path, "topic", f"no message on {topic}", self._topics())
+        self._require(topic, found)
         return found
 
     def message(self, topic: str, place: Place) -> Any:
-        """Return the message at a place."""
+        """Return the message at a place.
+
+        Raises:
+            DataError: the file is damaged, or has no message there.
+
+        """
         with self._faults():
             for _, kind, data in self._raw(topic, place.log_time_ns):
                 if _header_stamp(data) == place.stamp_ns:
@@ -71,9 +77,20 @@ class McapFile:
         raise DataError(self._path, "message", "missing", f"{topic} at {place.log_time_ns}")
 
     def messages(self, topic: str) -> list[Any]:
-        """Return all messages of a topic."""
+        """Return all messages of a topic, in order of log time.
+
+        Raises:
+            DataError: the file is damaged, or has no such topic.
+
+        """
         with self._faults():
-            return [self._types.deserialize_cdr(data, kind) for _, kind, data in self._raw(topic)]
+            found = [self._types.deserialize_cdr(data, kind) for _, kind, data in self._raw(topic)]
+        self._require(topic, found)
+        return found
+
+    def _require(self, topic: str, found: Sequence[object]) -> None:
+        if not found:
+            raise DataError(self._path, "topic", f"no message on {topic}", self._topics())
 
     def _raw(self, topic: str, at_ns: int | None = None) -> Iterator[tuple[int, str, bytes]]:
         with self._path.open("rb") as file:

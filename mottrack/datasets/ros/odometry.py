@@ -26,7 +26,7 @@ class Odometry:
         """Return `world_T_ego`: positions along the line, headings along the arc between two.
 
         Raises:
-            DataError: no odometry before or after that time within the longest gap.
+            DataError: no odometry before or after that time within the longest gap, or no pose.
 
         """
         after = int(np.searchsorted(self._stamp_ns, stamp_ns))
@@ -46,7 +46,7 @@ class Odometry:
         return int(self._stamp_ns[after] - self._stamp_ns[after - 1])
 
     def _pose(self, values: NDArray[np.float64]) -> Pose:
-        return quaternion_pose(values[:4], values[4:], self._path, "odometry orientation")
+        return quaternion_pose(values[:4], values[4:], self._path, "odometry pose")
 
 
 def _row(message: Any) -> tuple[int, list[float]]:
