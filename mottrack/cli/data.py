@@ -57,6 +57,7 @@ def check(
     from mottrack.datasets.check.walk import Walk, check_dataset, kind_of_folder
     from mottrack.pipeline.overrides import parse_override
     from mottrack.pipeline.plugins import load_part
+    from mottrack.pipeline.workers import available_cores
 
     settings: dict[str, object] = {
         "kind": format_name or kind_of_folder(dataset),
@@ -68,7 +69,7 @@ def check(
             raise ConfigError(f"override '{override}' has several values; a check takes one")
         settings[key.removeprefix("dataset.")] = values[0]
     opened = load_part("dataset", settings).make()
-    result = check_dataset(opened, Walk(every=every, workers=workers))
+    result = check_dataset(opened, Walk(every=every, workers=workers or available_cores()))
     for line in report_lines(result):
         typer.echo(line)
     if result.findings:

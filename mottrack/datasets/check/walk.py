@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -25,10 +24,10 @@ MARKS = {
 
 @dataclass(frozen=True)
 class Walk:
-    """How thoroughly to walk: every `every`-th sweep, in so many processes (0: one a core)."""
+    """How thoroughly to walk: every `every`-th sweep, in so many processes."""
 
     every: int = 1
-    workers: int = 0
+    workers: int = 1
 
 
 def check_dataset(dataset: Dataset, walk: Walk) -> CheckResult:
@@ -37,7 +36,7 @@ def check_dataset(dataset: Dataset, walk: Walk) -> CheckResult:
     shared = _shared_fault(dataset, names)
     if shared is not None:
         return CheckResult(dataset.name, (shared,))
-    workers = min(walk.workers or os.cpu_count() or 1, len(names))
+    workers = min(walk.workers, len(names))
     run = partial(_check_named, dataset, walk.every)
     if workers == 1:
         return CheckResult(dataset.name, tuple(map(run, names)))
