@@ -26,6 +26,12 @@ class ReadoutConfig(StrictModel):
     least_deviation_mps: float = Field(
         0.1, gt=0, description="joins the standard deviation of each axis: never certain"
     )
+    relative: float = Field(
+        0.4,
+        ge=0,
+        description="share of the speed that joins it where the velocity is reported: the few "
+        "particles of a cell agree by chance, and its neighbours err alike",
+    )
     silence_static: bool = Field(False, description="report zero for cells that are not moving")
 
 
@@ -59,7 +65,7 @@ class _Cells(NamedTuple):
     velocity_mps: NDArray[np.float64]
     """(K, 2)."""
     covariance_m2ps2: NDArray[np.float64]
-    """(K, 3) variance along x, covariance, variance along y; positive definite."""
+    """(K, 3) variance along x, covariance, variance along y, as reported; positive definite."""
 
 
 def is_moving(grid_map: GridMap, config: ReadoutConfig) -> NDArray[np.bool_]:
@@ -127,6 +133,8 @@ def _read(grid_map: GridMap, cell: NDArray[np.int64], config: ReadoutConfig) -> 
     (vx, vy), (xx, xy, yy) = velocity.T, covariance.T
     distance = (yy * vx * vx - 2 * xy * vx * vy + xx * vy * vy) / (xx * yy - xy * xy)
     moving = measured & (distance > config.moving)
+    # only now: against a spread that grows with the speed, no speed would differ from zero
+    covariance[:, [0, 2]] += (config.relative**2 * (vx * vx + vy * vy))[:, None]
     return _Cells(occupied, measured, moving, velocity, covariance)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -54,7 +55,8 @@ class DogmaFlow:
     """The recursive rival of two-frame flow: a particle filter that lives through a scene."""
 
     Config = DogmaConfig
-    faults = FLOW_FAULTS
+    faults = replace(FLOW_FAULTS, relative=0.0)
+    """Its covariance has the relative part in it (`ReadoutConfig.relative`)."""
     stateful = True
     """Each estimate builds on all sweeps before it."""
 

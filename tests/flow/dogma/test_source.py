@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from mottrack import Pipeline
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import Pose, rotation_2d
@@ -72,7 +73,8 @@ def test_a_driving_box_for_every_kind_of_sensor(rings, sector_deg):
     assert np.abs(mean - [8.0, 0.0]).max() < 0.7
     assert (field.valid <= field.occupied).all()
     assert field.weight[cells].min() >= 0.6
-    assert np.linalg.eigvalsh(field.covariance_m2ps2[cells].astype(float)).min() > 0
+    least = np.linalg.eigvalsh(field.covariance_m2ps2[cells].astype(float))[:, 0]
+    assert (least > (0.4 * np.hypot(*field.velocity_mps[cells].T)) ** 2).all()
     assert source.current_map()[1].sum() > 0
     if sector_deg < 360:
         behind = source.grid_map.masses.free[:, : source.grid_map.window.cols // 2 - 8]
@@ -167,6 +169,18 @@ def test_a_jump_may_begin_a_new_map(late):
     field = source.estimate(sweep(3), late)
     assert field.occupied.any()
     assert not field.valid.any()
+
+
+def test_a_pipeline_goes_on_behind_a_gap():
+    few = ("flow.filter.particles=2000", "flow.filter.births=200", "flow.threads=1")
+    pipeline = Pipeline.from_config("demo", "flow=dogma", "objects=clusters", *few)
+    measured = []
+    for k in (0, 1, 2, 33, 34, 35):
+        seen = sweep(k, speed_mps=0.0)
+        step = pipeline.feed(seen.stamp_ns, seen.xyz_m, seen.world_T_ego, origin_m=ORIGIN_M)
+        measured.append(step.field is not None)
+    assert measured == [False, True, True, False, True, True]
+    assert step.field.valid.any()
 
 
 @pytest.mark.parametrize("wrong", [{"particles": 0}, {"births": 0}, {"particle": 5}])
