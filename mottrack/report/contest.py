@@ -30,6 +30,11 @@ class Entrant:
         return self.run.experiment.flow.kind == ORACLE_FLOW
 
     @property
+    def has_truth(self) -> bool:
+        """Whether anything was there to score it against."""
+        return self.run.scores.overall.clear.truth > 0
+
+    @property
     def measures_flow(self) -> bool:
         """Whether there is any flow to look at."""
         return self.run.experiment.flow.kind != NO_FLOW

@@ -90,7 +90,8 @@ def _reel(
     for entrant, kept in filmed:
         result = entrant.run.folder.load(scene)
         config = entrant.run.experiment.settings.scores
-        errors = scene_errors(result.where_labelled(), analyses[entrant.index].cuts, config)
+        cuts = analyses[entrant.index].cuts if entrant.has_truth else ()
+        errors = scene_errors(result.where_labelled(), cuts, config)
         runs[entrant.index] = RunFilm(stage, result, kept, errors).packed()
     return Reel(dataset, scene, stage.packed(), runs)
 

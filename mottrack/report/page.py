@@ -75,6 +75,7 @@ def _content(
         "entrants": entrants,
         "scene_count": len({s for e in entrants for s in e.run.report.finished}),
         "failed": comparison.failed,
+        "has_truth": any(e.has_truth for e in entrants),
         "cards": answers,
         "headlines": headlines(answers, groups),
         "common_scenes": max((d.scenes for d in comparison.differences), default=0),

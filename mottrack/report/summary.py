@@ -96,8 +96,10 @@ def cards(
     analyses: Sequence[Analysis],
     differences: Sequence[RunDifferences],
 ) -> list[Card]:
-    """Every question that any run has an answer to."""
-    made = [_card(question, entrants, analyses, differences) for question in QUESTIONS]
+    """Every question that any run has an answer to; without truth that is the time alone."""
+    has_truth = any(entrant.has_truth for entrant in entrants)
+    asked = [q for q in QUESTIONS if has_truth or q.measure is TIMING]
+    made = [_card(question, entrants, analyses, differences) for question in asked]
     return [card for card in made if any(bar.text != "–" for bar in card.bars)]
 
 

@@ -93,3 +93,16 @@ def test_scenes_that_do_not_fit_are_listed(comparison: Comparison, tmp_path: Pat
     text = path.read_text()
     assert "Not drawn, there was no room" in text
     assert 'id="player"' not in text
+
+
+def test_scenes_without_truth_are_not_scored(comparison: Comparison, tmp_path: Path) -> None:
+    runs = []
+    for run in comparison.runs:
+        overall = run.scores.overall
+        nothing = replace(overall, clear=replace(overall.clear, truth=0))
+        runs.append(replace(run, scores=replace(run.scores, overall=nothing)))
+    write_report(replace(comparison, runs=tuple(runs)), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert "no truth, so nothing is scored" in text
+    assert text.count('<div class="card">') <= 1
+    assert 'id="tracking"' not in text

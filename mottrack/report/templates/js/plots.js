@@ -75,6 +75,7 @@ class Plots {
 
   drawDistributions() {
     const holder = document.getElementById("distributions");
+    if (!holder) return;
     const names = [...new Set(this.runs.flatMap((run) => Object.keys(run.velocity)))];
     holder.replaceChildren(...names.slice(0, MOST_DISTRIBUTIONS).map((name) => {
       const have = this.shown.filter((run) => run.velocity[name]);
