@@ -17,14 +17,14 @@ def studies(request: Request) -> list[Study]:
         ConfigError: a setting is wrong, or a data set has no scene that can be used.
         DataError: a data set is not where it is said to be.
     """
-    roots = request.roots or {}
+    plan, roots = read_plan(), request.roots or {}
     for setting in request.settings:
-        if setting.partition(".")[0] not in roots:
-            raise ConfigError(
-                f"setting '{setting}' is of no data set that takes part, expected NAME.key=value "
-                f"with NAME one of {sorted(roots)}"
-            )
-    plan = read_plan()
+        name = setting.partition(".")[0]
+        if name not in plan.recorded:
+            expected = f"NAME.key=value with NAME one of {sorted(plan.recorded)}"
+            raise ConfigError(f"setting '{setting}' is of no data set, expected {expected}")
+        if name not in roots:
+            raise ConfigError(f"setting '{setting}' needs the data set's folder: --{name} FOLDER")
     found = [_world(name, plan, request) for name in (*STUDIES, "ball", "runtime")]
     for name in roots:
         found += recorded_studies(name, plan.recorded[name], request)

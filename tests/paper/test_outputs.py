@@ -135,9 +135,18 @@ def test_detections_without_sweeps_serve_the_tracker_without_flow(
     assert [study.name for study in kitti.values() if study.runs] == ["tracking"]
 
 
-def test_a_setting_of_a_data_set_that_takes_no_part_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is of no data set that takes part"):
-        studies(Request(tmp_path, settings=("kitti.split=testing",)))
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("kitti.split=testing", r"needs the data set's folder: --kitti FOLDER"),
+        ("waymo.split=testing", r"of no data set, expected NAME\.key=value with NAME one of"),
+    ],
+)
+def test_a_setting_of_a_data_set_that_takes_no_part_is_refused(
+    tmp_path: Path, setting: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        studies(Request(tmp_path, settings=(setting,)))
 
 
 def test_a_data_set_without_anything_to_use_is_an_error(shared_data: Path, tmp_path: Path) -> None:
