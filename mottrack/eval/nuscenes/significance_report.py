@@ -18,11 +18,14 @@ from mottrack.eval.nuscenes.rules import Rules
 from mottrack.formats.strict_json import strict
 from mottrack.formats.text_table import aligned
 
+ONE_SCENE = "one scene says nothing about others: no interval"
 SHOWN = ("amota", "amotp", "mota", "recall", "ids")
 
 
 def bootstrap_report(prepared: Prepared, rules: Rules, resamples: int, out: Path) -> str:
     """Writes bootstrap.json with all intervals; returns a table of the leading ones."""
+    if prepared.samples.scenes == 1:
+        return ONE_SCENE
     weights = draw(prepared.samples.scenes, resamples)
     table = intervals(profiles(prepared, rules), weights, rules)
     content = {"resamples": resamples, "interpolation": rules.interpolation}
@@ -37,6 +40,8 @@ def comparison_report(
     pair: tuple[Prepared, Prepared], rules: Rules, resamples: int, out: Path
 ) -> str:
     """Writes comparison.json, the second minus the first; returns a table of the leading ones."""
+    if pair[0].samples.scenes == 1:
+        return ONE_SCENE
     weights = draw(pair[0].samples.scenes, resamples)
     sides = (profiles(pair[0], rules), profiles(pair[1], rules))
     table = compare(sides, weights, rules)
