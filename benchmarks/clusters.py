@@ -29,8 +29,8 @@ from mottrack.objects.clusters import ClusterSource
 from mottrack.trackers.fixed_lag import FixedLagTracker
 
 T = TypeVar("T")
-CELLS, CELL_M = 400, 0.25
-LIMITS = (0.3, 2.0, 2.5, CELL_M, CELLS)
+CELLS, CELL_M = 566, 0.25
+LIMITS = (0.3, 2.0, 2.5, 50.0, CELL_M)
 
 
 def street(points: int, frames: int, seed: int = 0) -> list[Sweep]:
@@ -88,7 +88,7 @@ def stages(chain: Chain, terrain: Terrain, sweep: Sweep) -> int:
     corner_m = np.round(sweep.world_T_ego.translation_m[:2] / CELL_M) * CELL_M - CELLS * CELL_M / 2
     chain.timed("terrain", lambda: terrain.update(sweep))
     height_m = chain.timed("height of points", lambda: terrain.height_above_m(sweep))
-    points = chain.timed("filter", lambda: kept_points(sweep, height_m, corner_m, LIMITS))
+    points = chain.timed("filter", lambda: kept_points(sweep, height_m, corner_m, LIMITS, CELLS))
     occupied = np.zeros((CELLS, CELLS), np.bool_)
 
     def occupy() -> None:

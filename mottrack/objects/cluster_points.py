@@ -44,16 +44,18 @@ def kept_points(
     sweep: Sweep,
     height_m: F64,
     corner_m: F64,
-    limits: tuple[float, float, float, float, int],
+    limits: tuple[float, float, float, float, float],
+    cells: int,
 ) -> KeptPoints:
-    """Points with a height in the band, off the vehicle and inside the grid.
+    """Points with a height in the band, off the vehicle and inside a square around it.
 
     `height_m` (N,) above ground; `corner_m` (2,) world position of the grid's corner; `limits` are
-    lowest and highest height, least range, side of a cell (all in metres) and cells per side.
+    lowest and highest height, least range, half the side of the square, in the axes of the vehicle,
+    and side of a cell (all in metres); the grid has `cells` per side.
     """
     pose = sweep.world_T_ego
     offset_m = pose.translation_m - np.append(corner_m, 0.0)
-    return KeptPoints(*_kept(sweep.xyz_m, height_m, (pose.rotation, offset_m), limits, limits[4]))
+    return KeptPoints(*_kept(sweep.xyz_m, height_m, (pose.rotation, offset_m), limits, cells))
 
 
 @njit(cache=True)
@@ -61,17 +63,19 @@ def _kept(
     xyz_m: NDArray[np.float32],
     height_m: F64,
     pose: tuple[F64, F64],
-    limits: tuple[float, float, float, float, int],
+    limits: tuple[float, float, float, float, float],
     cells: int,
 ) -> tuple[F64, I64, I64]:
     rotation, offset_m = pose
-    low, high, near, cell_m, _ = limits
+    low, high, near, reach_m, cell_m = limits
     moved = np.empty((len(xyz_m), 3))
     row, column = np.empty(len(xyz_m), np.int64), np.empty(len(xyz_m), np.int64)
     count = 0
     for i in range(len(xyz_m)):
         x, y, z = xyz_m[i]
-        if not (low <= height_m[i] <= high) or x * x + y * y < near * near:
+        if not (low <= height_m[i] <= high) or max(abs(x), abs(y)) > reach_m:
+            continue
+        if x * x + y * y < near * near:
             continue
         east = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z + offset_m[0]
         north = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z + offset_m[1]

@@ -43,7 +43,7 @@ class ClustersConfig(StrictModel):
     max_height_m: float = Field(2.0, description="highest kept height; above the lowest")
     min_range_m: float = Field(2.5, ge=0, description="nearer points lie on the vehicle itself")
     reach_m: float = Field(
-        50.0, gt=0, le=500, description="half side of the square looked at, along the world's axes"
+        50.0, gt=0, le=500, description="half side of the square around the vehicle"
     )
     cell_m: float = Field(0.25, gt=0, le=5, description="side of an occupancy cell")
     join_cells: int = Field(1, ge=0, le=10, description="gaps of twice this many cells are bridged")
@@ -93,11 +93,12 @@ class ClusterSource:
         if sweep is None:
             raise InputError("sweep", "absent", "a scene with LiDAR sweeps, or objects=detections")
         config = self.config
-        cells = 2 * int(np.ceil(config.reach_m / config.cell_m))
+        # the square turns with the vehicle, the grid does not
+        cells = 2 * int(np.ceil(np.sqrt(2.0) * config.reach_m / config.cell_m))
         centre = np.round(sweep.world_T_ego.translation_m[:2] / config.cell_m).astype(np.int64)
         corner = centre - cells // 2
         corner_m = np.asarray(corner * config.cell_m, np.float64)
-        points = kept_points(sweep, self._heights_m(sweep), corner_m, self._limits(cells))
+        points = kept_points(sweep, self._heights_m(sweep), corner_m, self._limits(), cells)
         occupied = np.zeros((cells, cells), np.bool_)
         occupied[points.row, points.column] = True
         owner = self._mask(frame, corner_m, occupied.shape)
@@ -109,14 +110,14 @@ class ClusterSource:
         groups = group_points(points, cluster, labels.number, config.min_points)
         return self._described(sweep, groups, corner_m)
 
-    def _limits(self, cells: int) -> tuple[float, float, float, float, int]:
+    def _limits(self) -> tuple[float, float, float, float, float]:
         config = self.config
         return (
             config.min_height_m,
             config.max_height_m,
             config.min_range_m,
+            config.reach_m,
             config.cell_m,
-            cells,
         )
 
     def _heights_m(self, sweep: Sweep) -> F64:

@@ -158,3 +158,15 @@ def test_a_map_is_believed_and_the_estimate_fills_its_gaps() -> None:
     assert found.centre_m[0, 0] < 0
     source.reset()
     assert len(source.objects(Frame(10**9, pose), sweep_of(points, pose))) == 2
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, np.pi / 4, 2.0])
+def test_the_square_turns_with_the_vehicle_as_the_grid_of_a_flow_does(yaw_rad: float) -> None:
+    pose = Pose.from_yaw(yaw_rad, (400.0, -70.0, 0.0))
+    rng = np.random.default_rng(0)
+    corner, beyond = block(27.0, -27.0, POST, 0.0), block(33.0, 0.0, POST, 0.0)
+    source = ClusterSource(ClustersConfig(reach_m=30.0))
+    points = [ground(rng, 0.0, 0.0), corner, beyond]
+    found = source.objects(Frame(10**9, pose), sweep_of(points, pose))
+    in_ego = found.transformed(pose.inverse(), "ego")
+    np.testing.assert_allclose(in_ego.centre_m[:, :2], [[27.0, -27.0]], atol=0.5)
