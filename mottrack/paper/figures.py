@@ -24,7 +24,7 @@ from mottrack.viz.flow_comparison import flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 
 TRUTH = "ground_truth"
-TITLES = {NONE: "Without flow", PILLARFLOW: "With PillarFlow"}
+TITLES = {NONE: "without flow", PILLARFLOW: "with PillarFlow"}
 SCENES_SHOWN = 2
 DPI = 130
 
@@ -89,7 +89,9 @@ def _integration(study: StudyResult) -> Drawn:
     panels = []
     for variant in (NONE, PILLARFLOW):
         result = study.folders[variant].load(scene)
-        panels.append(_panel(TITLES[variant], result, _last_snapshot(study, variant, scene)))
+        panels.append(
+            _panel(_capital(TITLES[variant]), result, _last_snapshot(study, variant, scene))
+        )
     caption = (
         "Figure 4, tracker integration. Clusters and the fixed-lag smoother without velocities "
         f"and with PillarFlow's at the last frame of scene {scene}, the one with most clusters: "
@@ -104,7 +106,7 @@ def _ball(study: StudyResult) -> Drawn:
     if not scenes:
         return None
     runs = {
-        TITLES[variant].lower(): _loaded(study.folders[variant], scenes[0])
+        TITLES[variant]: _loaded(study.folders[variant], scenes[0])
         for variant in (NONE, PILLARFLOW)
     }
     drawn = draw_ball(runs)
@@ -145,6 +147,10 @@ def _busy_scenes(study: StudyResult, variant: str, count: int) -> list[str]:
 
 def _last_snapshot(study: StudyResult, variant: str, scene: str) -> Snapshot:
     return load_snapshots(study.folders[variant].snapshots_file(scene))[-1]
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _loaded(folder: RunFolder, scene: str) -> tuple[SceneResult, list[Snapshot]]:
