@@ -14,6 +14,7 @@ import numpy as np
 
 from mottrack.core.errors import ConfigError
 from mottrack.core.interfaces import Scene
+from mottrack.core.processes import end_with_parent
 from mottrack.core.sweep import seconds_between
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
 from mottrack.flow.pillarflow.training.labels import labels_from_tracks
@@ -57,7 +58,7 @@ def make_examples(config: ExamplesConfig, folder: Path, on_shard: OnShard) -> No
     done = len(jobs) - len(missing)
     on_shard(done, len(jobs))
     context = get_context("spawn")
-    with ProcessPoolExecutor(config.workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(config.workers, context, end_with_parent) as pool:
         for finished in as_completed([pool.submit(make_shard, job) for job in missing]):
             finished.result()
             done += 1

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from mottrack.core.errors import MottrackError
+from mottrack.core.processes import end_with_parent
 from mottrack.pipeline.experiment import Experiment
 
 Key = tuple[Path, str]
@@ -184,6 +185,7 @@ def _serve(connection: Connection, work: Work) -> None:
         if done % FRAMES_A_MESSAGE == 0 or done == total:
             connection.send((done, total))
 
+    end_with_parent()
     while True:
         try:
             connection.send(_outcome(connection.recv(), work, on_frame))

