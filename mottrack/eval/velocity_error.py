@@ -1,8 +1,12 @@
 """Velocity error of tracks by category (paper, section V-B, Table IV).
 
 Every track row that was observed in its frame counts once. Its hull (or its box, where it has no
-hull) is compared from above with the true boxes of that frame; the true box it shares most area
-with is its object if that area is at least `significant_overlap` of the hull. A track without an
+hull) is compared from above with the true boxes "at the object cluster's timestamp": the true box
+it shares most area with is its object if that area is at least `significant_overlap` of the hull.
+A LiDAR takes a turn for a sweep, so a cluster may be that much older (or, where a data set stamps a
+sweep at its begin, younger) than the sweep's stamp: at 6 m/s a ball's points lie up to 0.6 m from
+where the ball is at the stamp. Where no true box of the stamp fits, they are looked at along their
+motion, up to `turn_s` away. A track without an
 object stands for something nobody labelled (a guardrail, a tree): its true velocity is zero. Rows
 whose object is an interpolated true box are left out: its velocity was not observed.
 
@@ -39,6 +43,8 @@ from mottrack.geometry.polygon import intersection_area, polygon_area
 
 OTHER = "labels no detector reports"
 NO_OBJECT, LEFT_OUT = -1, -2
+_AGES = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)
+"""Shares of a turn by which a cluster is older than its stamp, the likeliest first."""
 FAST_MPS = 3.0
 CATEGORIES = (
     "static objects",
@@ -54,6 +60,9 @@ class VelocityErrorConfig(StrictModel):
 
     significant_overlap: float = Field(
         default=0.5, gt=0, le=1, description="share of the track's hull"
+    )
+    turn_s: float = Field(
+        default=0.1, ge=0, le=1, description="turn of the LiDAR: a cluster's time is this uncertain"
     )
     stationary_mps: float = Field(
         default=0.2, ge=0, description="speed up to which it stands still"
@@ -109,7 +118,7 @@ def velocity_samples(
     """The track rows of a scene that count, with their error."""
     config = config or VelocityErrorConfig()
     tracks, truth = result.tracks, result.truth
-    matched = match_by_overlap(result, config.significant_overlap)
+    matched = match_by_overlap(result, config.significant_overlap, config.turn_s)
     counts = (matched != LEFT_OUT) & (tracks.observed | config.coasting)
     rows, objects = np.flatnonzero(counts), matched[counts]
     has = objects != NO_OBJECT
@@ -121,7 +130,7 @@ def velocity_samples(
     return VelocitySamples(_length(error), _length(true_velocity), label)
 
 
-def match_by_overlap(result: SceneResult, significant_overlap: float) -> I64:
+def match_by_overlap(result: SceneResult, significant_overlap: float, turn_s: float = 0.0) -> I64:
     """(N,) for every track row the row of its object in truth, NO_OBJECT or LEFT_OUT."""
     tracks, truth = result.tracks, result.truth
     matched = np.full(len(tracks), NO_OBJECT)
@@ -130,11 +139,14 @@ def match_by_overlap(result: SceneResult, significant_overlap: float) -> I64:
     corners = bev_corners(boxes7(truth.centre_m, truth.size_m, truth.yaw_rad))
     boxes = bev_corners(boxes7(tracks.centre_m, tracks.size_m, tracks.yaw_rad))
     candidates = _rows_by_frame(truth, len(result.frames))
+    velocity_mps = np.nan_to_num(truth.velocity_mps)
     reach = np.hypot(truth.size_m[:, 0], truth.size_m[:, 1]) / 2
+    reach += turn_s * _length(velocity_mps)
+    shift_m = turn_s * velocity_mps
     for row, hull in enumerate(result.hulls if len(tracks) else ()):
         shape = hull if len(hull) >= 3 else boxes[row]
         near = _near(candidates[tracks.frame[row]], shape, truth.centre_m[:, :2], reach)
-        matched[row] = _object_of(shape, near, corners, significant_overlap)
+        matched[row] = _object_of(shape, near, (corners, shift_m), significant_overlap)
     has = matched != NO_OBJECT
     # nobody annotated an interpolated box, and a NaN says that the labels tell no velocity
     untold = truth.interpolated | np.isnan(truth.velocity_mps).any(axis=1)
@@ -156,13 +168,21 @@ def _near(candidates: I64, shape: F64, centre_xy_m: F64, reach_m: F64) -> I64:
     return near
 
 
-def _object_of(shape: F64, near: I64, corners: F64, significant_overlap: float) -> int:
+def _object_of(shape: F64, near: I64, boxes: tuple[F64, F64], significant_overlap: float) -> int:
+    """The box that shares enough area with the shape, at the time nearest to the stamp.
+
+    `boxes` are the corners (K, 4, 2) and how far each moves in a turn (K, 2).
+    """
     area = abs(polygon_area(shape))
     if area <= 0.0 or not len(near):
         return NO_OBJECT
-    shares = [intersection_area(shape, corners[row]) / area for row in near]
-    best = int(np.argmax(shares))
-    return int(near[best]) if shares[best] >= significant_overlap else NO_OBJECT
+    corners, shift_m = boxes
+    for age in _AGES if shift_m[near].any() else _AGES[:1]:
+        shares = [intersection_area(shape, corners[r] - age * shift_m[r]) / area for r in near]
+        best = int(np.argmax(shares))
+        if shares[best] >= significant_overlap:
+            return int(near[best])
+    return NO_OBJECT
 
 
 def velocity_table(

@@ -96,3 +96,15 @@ def test_no_truth_and_no_tracks(make_result: Maker) -> None:
     nobody = make_result([{"side": "truth", "frame": 0, "id": 1, "x": 0.0}], 1)
     assert velocity_table([velocity_samples(nobody)])["all"].count == 0
     assert velocity_table([])["all"].count == 0
+
+
+@pytest.mark.parametrize("behind_m", [1.6, -1.6])
+def test_a_cluster_may_be_a_turn_older_or_younger_than_the_stamp(
+    make_result: Maker, behind_m: float
+) -> None:
+    truth = {"side": "truth", "frame": 0, "id": 1, "x": 0.0, "velocity": (20.0, 0.0)}
+    ends = (2.3 - behind_m, 0.3 - behind_m) if behind_m < 0 else (-0.3 - behind_m, -2.3 - behind_m)
+    hull = [(ends[0], -0.5), (ends[0], 0.5), (ends[1], 0.5), (ends[1], -0.5)]
+    result = make_result([truth, {**truth, "side": "track", "hull": hull}], 1)
+    assert match_by_overlap(result, 0.5, turn_s=0.1).tolist() == [0]
+    assert match_by_overlap(result, 0.5, turn_s=0.0).tolist() == [NO_OBJECT]
