@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,28 +9,11 @@ from mottrack.trackers.association import ASSIGNMENTS, candidate_pairs
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_cost import COSTS, largest_offset_m
+from mottrack.trackers.kalman.predicted import Predicted
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 Pairs = tuple[I64, I64]
-
-
-@dataclass(frozen=True, slots=True)
-class Predicted:
-    """What association reads of N predicted tracks."""
-
-    mean: F64
-    """(N, D) states."""
-    planar: F64
-    """(N, 4, 4) covariance of (x, y, d_x, d_y)."""
-    axial: F64
-    """(N, 5) variances of z, yaw, l, w, h."""
-    label: I64
-    """(N,) index of the class."""
-
-    def select(self, index: NDArray[Any]) -> Predicted:
-        """The rows that a mask or an index picks."""
-        return Predicted(*(getattr(self, name)[index] for name in self.__slots__))
 
 
 def match(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +12,12 @@ from mottrack.trackers.association import centre_distance_m
 from mottrack.trackers.kalman.config import AssociationConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_terms import Expected, Observed, pair_terms
-
-if TYPE_CHECKING:
-    from mottrack.trackers.kalman.matching import Predicted
+from mottrack.trackers.kalman.predicted import Predicted
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 Pairs = tuple[I64, I64]
-PairCost = Callable[["Detections", "Predicted", Pairs, AssociationConfig], tuple[F64, F64]]
+PairCost = Callable[[Detections, Predicted, Pairs, AssociationConfig], tuple[F64, F64]]
 
 ROUNDING = 1e-6
 """Slack of the first look, so that the exact gate decides at its very edge."""

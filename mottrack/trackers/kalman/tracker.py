@@ -14,10 +14,11 @@ from mottrack.trackers.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
-from mottrack.trackers.kalman.matching import Predicted, match, others
+from mottrack.trackers.kalman.matching import match, others
 from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
+from mottrack.trackers.kalman.predicted import Predicted
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.velocity_belief import density
 from mottrack.trackers.lifecycle import Life, record_hits
