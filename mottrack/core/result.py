@@ -13,7 +13,7 @@ from mottrack.core.errors import InputError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
 
-FORMAT = "mottrack scene result 1"
+FORMAT = "mottrack scene result 2"
 TABLES: dict[str, type[Table]] = {
     "frames": FrameTable,
     "truth": TruthTable,
@@ -66,7 +66,8 @@ class SceneResult:
     def where_labelled(self) -> SceneResult:
         """The result without the boxes that lie where nobody labelled anything.
 
-        KITTI labels what its camera sees: elsewhere a track is no error.
+        KITTI labels what its camera sees, and of an own log nobody may have labelled any frame:
+        elsewhere a track is no error.
         """
         truth = self.frames.labelled(self.truth.frame, self.truth.centre_m)
         tracks = self.frames.labelled(self.tracks.frame, self.tracks.centre_m)

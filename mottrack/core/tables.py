@@ -76,6 +76,7 @@ class FrameTable(Table):
         "token": (np.str_, ()),
         "world_T_ego": (np.float64, (4, 4)),
         "labelled_azimuth_rad": (np.float64, (2,)),
+        "annotated": (np.bool_, ()),
     }
 
     stamp_ns: NDArray[np.int64]
@@ -86,6 +87,8 @@ class FrameTable(Table):
     """(T, 4, 4) pose of the vehicle."""
     labelled_azimuth_rad: NDArray[np.float64]
     """(T, 2) right and left azimuth, ego frame, between which objects are labelled."""
+    annotated: NDArray[np.bool_]
+    """(T,) false where nobody labelled anything: there a track is neither right nor wrong."""
 
     def __post_init__(self) -> None:
         """Checks every column, and that the stamps ascend.
@@ -107,6 +110,7 @@ class FrameTable(Table):
             np.array([f.token for f in frames], dtype=np.str_),
             np.array([f.world_T_ego.matrix for f in frames]).reshape(-1, 4, 4),
             np.array([f.labelled_azimuth_rad or ALL_AROUND_RAD for f in frames]).reshape(-1, 2),
+            np.array([f.truth is not None for f in frames], dtype=np.bool_),
         )
 
     def labelled(
@@ -124,7 +128,7 @@ class FrameTable(Table):
         azimuth = np.arctan2(y, x)
         right, left = self.labelled_azimuth_rad[frame].T
         inside: NDArray[np.bool_] = (azimuth >= right) & (azimuth <= left)
-        return inside
+        return inside & self.annotated[frame]
 
 
 @dataclass(frozen=True, slots=True)

@@ -236,7 +236,9 @@ def test_boxes_outside_the_labelled_azimuth_do_not_count() -> None:
         label=np.array(["car"] * 3),
     )
     turned = Pose.from_yaw(np.pi / 2)  # the vehicle looks along +y of the world
-    frames = [Frame(k, turned, labelled_azimuth_rad=(-0.5, 0.5)) for k in range(n)]
+    frames = [
+        Frame(k, turned, truth=Truth.empty(k), labelled_azimuth_rad=(-0.5, 0.5)) for k in range(n)
+    ]
     table = TrackTable.of([tracks])
     hulls = np.concatenate(tracks.hull or ())
     result = SceneResult(
@@ -244,3 +246,14 @@ def test_boxes_outside_the_labelled_azimuth_do_not_count() -> None:
     ).where_labelled()
     assert result.tracks.centre_m.tolist() == [[0, 10, 0]]
     np.testing.assert_array_equal(result.hulls[0], (tracks.hull or ())[2])
+
+
+def test_tracks_of_frames_that_nobody_annotated_are_no_errors() -> None:
+    pose = Pose.from_yaw(0.0)
+    frames = [Frame(0, pose, truth=Truth.empty(0)), Frame(1, pose, truth=None)]
+    steps = [replace(some_tracks(2), stamp_ns=k) for k in range(2)]
+    hulls = np.concatenate([hull for step in steps for hull in step.hull or ()])
+    result = SceneResult(
+        "s", FrameTable.of(frames), TruthTable.empty(), TrackTable.of(steps), hull_xy_m=hulls
+    )
+    assert result.where_labelled().tracks.frame.tolist() == [0, 0]

@@ -24,6 +24,7 @@ def make_tables(rows: list[dict[str, Any]], frames: int) -> SceneResult:
             np.array([str(k) for k in range(frames)]),
             poses,
             np.tile([-np.pi, np.pi], (frames, 1)),
+            np.ones(frames, np.bool_),
         ),
         TruthTable(
             **_columns(sides["truth"]),

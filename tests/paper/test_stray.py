@@ -58,6 +58,7 @@ def scene(found: TrackTable, label: str = "ball") -> SceneResult:
         token=np.arange(FRAMES).astype(np.str_),
         world_T_ego=np.tile(np.eye(4), (FRAMES, 1, 1)),
         labelled_azimuth_rad=np.tile([-np.pi, np.pi], (FRAMES, 1)),
+        annotated=np.ones(FRAMES, np.bool_),
     )
     return SceneResult("one", frames, truth(label), found, classes=("car",))
 

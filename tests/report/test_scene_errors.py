@@ -31,6 +31,7 @@ def scene() -> SceneResult:
         np.array([str(f) for f in range(7)]),
         np.tile(np.eye(4), (7, 1, 1)),
         np.tile([-np.pi, np.pi], (7, 1)),
+        np.ones(7, np.bool_),
     )
     return SceneResult(
         "s",

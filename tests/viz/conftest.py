@@ -43,6 +43,7 @@ def result():
         np.array(["a", "b", "c"]),
         np.stack([still] * 3),
         np.tile([-np.pi, np.pi], (3, 1)),
+        np.ones(3, np.bool_),
     )
     tracks = boxes(
         TrackTable,
