@@ -162,8 +162,7 @@ TABLE_IV = Published(
     ("cluster_icp", "pillarflow", "ground_truth"),
     ((PILLARFLOW, NONE), (PILLARFLOW, DOGMA), (DOGMA, NONE)),
     "The paper's '95 % largest' is read as the mean of the worst 5 %. A track is held against the "
-    "box that it overlaps at the stamp; what is small and fast, as a ball, was seen behind it, and "
-    "then counts among the static objects.",
+    "box that it overlaps at the stamp, or within one turn of the LiDAR along the box's motion.",
     upright=False,
 )
 TABLE_V = Published(
