@@ -107,3 +107,21 @@ def test_a_velocity_out_of_this_world_is_left_alone() -> None:
         if k > 0:
             np.testing.assert_array_equal(a.id, b.id)
     assert np.hypot(*a.velocity_mps[0]) < 100.0
+
+
+def test_a_parked_car_stands_with_the_flow_that_says_so() -> None:
+    """A source that loses motions says of it what it says of those; its boxes tell them apart."""
+    rng = np.random.default_rng(3)
+    tracker, plain = KalmanTracker(), KalmanTracker()
+    with_flow, without = [], []
+    for k in range(12):
+        rest = VelocityMeasurement(
+            rng.normal(0.0, 0.1, (1, 2)), 0.02 * np.eye(2)[None], np.ones(1, bool), FLOW_FAULTS
+        )
+        place = Pose.from_yaw(0.0, (*rng.normal(0.0, 0.2, 2), 0.0))
+        objects = parked_or_passing(rest, k * 5 * 10**8).transformed(place, "world")
+        measured = tracker.step(objects.stamp_ns, objects)
+        alone = plain.step(objects.stamp_ns, objects.with_velocity(None))
+        with_flow.append(np.hypot(*measured.velocity_mps[0]))
+        without.append(np.hypot(*alone.velocity_mps[0]))
+    assert np.mean(with_flow[2:]) < 0.5 * np.mean(without[2:])

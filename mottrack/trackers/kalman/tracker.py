@@ -20,7 +20,7 @@ from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
 from mottrack.trackers.kalman.predicted import Predicted
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
-from mottrack.trackers.kalman.velocity_belief import density
+from mottrack.trackers.kalman.velocity_belief import density, rest_odds
 from mottrack.trackers.lifecycle import Life, record_hits
 
 F64 = NDArray[np.float64]
@@ -126,9 +126,13 @@ class KalmanTracker:
 
     def _believable(self, rows: I64, columns: I64, seen: Detections) -> NDArray[np.bool_]:
         """Velocities that are likelier their tracks' than a failure of the source, (n,)."""
-        spread = self._bank.planar_covariance()[rows, 2:, 2:] + seen.velocity_covariance[columns]
-        residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
-        return np.asarray(density(residual, spread) >= seen.no_news[columns])
+        mean, own = self._bank.mean[rows, VELOCITY], self._bank.planar_covariance()[rows, 2:, 2:]
+        velocity, noise = seen.velocity[columns], seen.velocity_covariance[columns]
+        sound = density(velocity - mean, own + noise)
+        table = self._table.rows(seen.label[columns])
+        prior = initial_velocity_covariance(table, seen.box[columns, YAW])
+        rest = rest_odds(mean, own, prior, self.config.velocity.rest_share)
+        return np.asarray(sound + rest * density(velocity, noise) >= seen.no_news[columns])
 
     def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
         residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]

@@ -7,8 +7,15 @@ that a track expects as N(d, P) is
     sound N(v; d, P + R_d) + lost N(v; 0, R_d) + gross N(v; 0, G + R_d),
 
 with shares that sum to one. Where the first term is the smaller part of it, the velocity is no
-news of the object: a parked car loses nothing by that, and a moving one is not stopped. Only ratios
-count, so densities are taken over the sound share here.
+news of the object, and a moving one is not stopped. Only ratios count, so densities are taken over
+the sound share here.
+
+N(d, P) grew from a broad prior N(0, P_0), which leaves next to nothing for standing still; but many
+objects do. With `rest` the share of them, the odds that a track stands, given where it was seen, are
+
+    rest / (1 - rest) * N(0; d, P) / N(0; 0, P_0)
+
+(the density ratio of Savage and Dickey), and N(v; 0, R_d) times these odds speaks for the velocity.
 """
 
 from __future__ import annotations
@@ -43,3 +50,12 @@ def failure_density(velocity: F64, covariance: F64, faults: VelocityFaults, gros
         result += faults.gross_share * density(velocity, spread)
     sound_share = 1.0 - faults.lost_share - faults.gross_share
     return np.maximum(result / sound_share, SMALLEST if sound_share < 1.0 else 0.0)
+
+
+def rest_odds(mean: F64, covariance: F64, prior: F64, share: float) -> F64:
+    """Odds (n,) that tracks with velocities N(mean (n, 2), covariance (n, 2, 2)) stand still.
+
+    `prior` (n, 2, 2) is the covariance with which they began, `share` < 1 that of all objects.
+    """
+    shrunk = density(mean, covariance) / density(np.zeros_like(mean), prior)
+    return np.asarray(share / (1.0 - share) * shrunk)
