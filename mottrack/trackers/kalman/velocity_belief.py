@@ -10,8 +10,9 @@ with shares that sum to one. Where the first term is the smaller part of it, the
 news of the object, and a moving one is not stopped. Only ratios count, so densities are taken over
 the sound share here.
 
-N(d, P) grew from a broad prior N(0, P_0), which leaves next to nothing for standing still; but many
-objects do. With `rest` the share of them, the odds that a track stands, given where it was seen, are
+N(d, P) grew from a broad prior N(0, P_0), which leaves next to nothing for standing still; but
+many objects do. With `rest` the share of them, the odds that a track stands, given where it was
+seen, are
 
     rest / (1 - rest) * N(0; d, P) / N(0; 0, P_0)
 
