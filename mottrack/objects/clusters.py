@@ -93,8 +93,10 @@ class ClusterSource:
         if sweep is None:
             raise InputError("sweep", "absent", "a scene with LiDAR sweeps, or objects=detections")
         config = self.config
-        # the square turns with the vehicle, the grid does not
-        cells = 2 * int(np.ceil(np.sqrt(2.0) * config.reach_m / config.cell_m))
+        # the square turns with the vehicle, the grid around it does not
+        yaw_rad = sweep.world_T_ego.yaw_rad
+        wider = abs(np.cos(yaw_rad)) + abs(np.sin(yaw_rad))
+        cells = 2 * int(np.ceil(wider * config.reach_m / config.cell_m))
         centre = np.round(sweep.world_T_ego.translation_m[:2] / config.cell_m).astype(np.int64)
         corner = centre - cells // 2
         corner_m = np.asarray(corner * config.cell_m, np.float64)
