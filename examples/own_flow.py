@@ -19,6 +19,7 @@ class BlobFlow:
         self.grid, self.reach_m = BevGrid(), reach_m
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+        """Velocity of every cell (H, W) over the ground, m/s, in the current ego frame."""
         then_m = self._blobs(previous.seen_from(current))[1][1:]  # ego motion removed
         label, now_m = self._blobs(current)
         elapsed_s = (current.stamp_ns - previous.stamp_ns) * 1e-9

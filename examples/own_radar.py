@@ -27,6 +27,7 @@ class RadarBoxes:
         self.noise = np.random.default_rng(0)
 
     def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
+        """The frame's detections (N) in the world frame, with a speed along each beam in m/s."""
         boxes, truth = frame.detections, frame.truth
         if not len(boxes) or not len(truth):
             return boxes

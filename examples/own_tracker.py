@@ -17,6 +17,7 @@ class NearestTracker:
         self.reach_m, self.last, self.next_id = reach_m, None, 0
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
+        """Tracks of these objects (N), world frame; InputError where the stamp is not later."""
         if self.last is not None and stamp_ns <= self.last.stamp_ns:
             raise InputError("stamp_ns", stamp_ns, f"later than {self.last.stamp_ns}")
         ids, velocity_mps = self._matched(stamp_ns, objects)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
 from mottrack.core.tables import TrackTable, TruthTable
+from mottrack.eval.velocity_error import VelocityErrorConfig
 from mottrack.geometry.iou import bev_intersection, boxes7
 
 BALL = "ball"
@@ -19,8 +20,8 @@ FEWEST_ROWS = 5
 """A ball that was tracked for fewer frames a run shows nothing."""
 OVERLAP = 0.5
 """Share of a track's box that must lie where the mover was seen."""
-TURN_S = 0.1
-"""One turn of the LiDAR, which ends at the stamp of its sweep."""
+TURN_S = VelocityErrorConfig().turn_s
+"""One turn of the LiDAR, which ends at the stamp of its sweep; as the velocity error takes it."""
 
 F64 = NDArray[np.float64]
 

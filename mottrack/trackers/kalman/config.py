@@ -71,8 +71,8 @@ class VelocityConfig(StrictModel):
     gross_share: float | None = Field(
         None, ge=0, lt=1, description="another object's velocities; none: as their source says"
     )
-    rest_share: float = Field(
-        0.05, ge=0, lt=1, description="objects that stand still; they are believed to, once seen to"
+    rest_prior: float = Field(
+        0.05, ge=0, lt=1, description="probability that a track stands, before it was seen to"
     )
     gross_mps: float = Field(5.0, gt=0, description="spread of those about standing still")
 

@@ -131,7 +131,7 @@ class KalmanTracker:
         sound = density(velocity - mean, own + noise)
         table = self._table.rows(seen.label[columns])
         prior = initial_velocity_covariance(table, seen.box[columns, YAW])
-        rest = rest_odds(mean, own, prior, self.config.velocity.rest_share)
+        rest = rest_odds(mean, own, prior, self.config.velocity.rest_prior)
         return np.asarray(sound + rest * density(velocity, noise) >= seen.no_news[columns])
 
     def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:

@@ -11,8 +11,8 @@ news of the object, and a moving one is not stopped. Only ratios count, so densi
 the sound share here.
 
 N(d, P) grew from a broad prior N(0, P_0), which leaves next to nothing for standing still; but
-many objects do. With `rest` the share of them, the odds that a track stands, given where it was
-seen, are
+many objects do. With the `rest` probability of that, the odds that a track stands, given where
+it was seen, are
 
     rest / (1 - rest) * N(0; d, P) / N(0; 0, P_0)
 
@@ -53,10 +53,11 @@ def failure_density(velocity: F64, covariance: F64, faults: VelocityFaults, gros
     return np.maximum(result / sound_share, SMALLEST if sound_share < 1.0 else 0.0)
 
 
-def rest_odds(mean: F64, covariance: F64, prior: F64, share: float) -> F64:
+def rest_odds(mean: F64, covariance: F64, prior: F64, rest: float) -> F64:
     """Odds (n,) that tracks with velocities N(mean (n, 2), covariance (n, 2, 2)) stand still.
 
-    `prior` (n, 2, 2) is the covariance with which they began, `share` < 1 that of all objects.
+    `prior` (n, 2, 2) is the covariance with which they began, `rest` < 1 the probability
+    that they stand, before anything was seen.
     """
     shrunk = density(mean, covariance) / density(np.zeros_like(mean), prior)
-    return np.asarray(share / (1.0 - share) * shrunk)
+    return np.asarray(rest / (1.0 - rest) * shrunk)
