@@ -18,7 +18,7 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.flow.kept_points import GroundStage, keep_points
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
 
 MARGIN_M = 0.15

@@ -13,13 +13,9 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.tables import FlowSamples
-from mottrack.datasets.synthetic import (
-    PointTruth,
-    SyntheticConfig,
-    SyntheticDataset,
-    SyntheticScene,
-)
-from mottrack.flow.kept_points import GroundStage, keep_points
+from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset, SyntheticScene
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
+from mottrack.world import PointTruth
 
 SEED = 770_001
 """No training set uses it."""

@@ -22,9 +22,9 @@ from pathlib import Path
 from _common import report
 
 from mottrack.eval.velocity_error import CATEGORIES, OTHER
-from mottrack.pipeline.comparison import Comparison, run_comparison
-from mottrack.pipeline.experiment import load_experiments
-from mottrack.pipeline.workers import Outcome
+from mottrack.experiment.experiment import load_experiments
+from mottrack.runs.comparison import Comparison, run_comparison
+from mottrack.runs.workers import Outcome
 
 ROWS = (*CATEGORIES, "all", OTHER)
 

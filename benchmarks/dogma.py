@@ -30,7 +30,7 @@ from mottrack.flow.dogma.returns import Returns, returns_of
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
-from mottrack.flow.kept_points import GroundStage
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 
 CELLS, CELL_M, DT_S = 400, 0.25, 0.1
 PHASES = ("assign", "update_occupancy", "allot", "give_birth", "velocity_moments", "resample")

@@ -27,7 +27,6 @@ from mottrack.core.interfaces import FlowSource, FrameObserver
 from mottrack.core.tables import FlowSamples
 from mottrack.eval.flow_error import flow_error
 from mottrack.flow.icp import IcpConfig, IcpFlow
-from mottrack.flow.kept_points import GroundStage
 from mottrack.flow.pillarflow.source import (
     BinaryOgmConfig,
     BinaryOgmFlow,
@@ -35,6 +34,7 @@ from mottrack.flow.pillarflow.source import (
     PillarFlowConfig,
 )
 from mottrack.flow.stages import StagesConfig
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 from mottrack.flow.zero import ZeroFlow
 
 Sources = dict[str, Callable[[], FlowSource]]

@@ -14,19 +14,20 @@ import numpy as np
 from _common import arguments, report
 from numba import njit
 
-from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset, training_pair
-from mottrack.datasets.synthetic.bodies import gather, make_body
-from mottrack.datasets.synthetic.catalogue import draw_size
-from mottrack.datasets.synthetic.culling import Scan
-from mottrack.datasets.synthetic.intersect import hit_box, hit_cylinder, hit_ellipsoid
-from mottrack.datasets.synthetic.materials import material_table
-from mottrack.datasets.synthetic.raycast import World, cast
-from mottrack.datasets.synthetic.receiver import Receiver, receive
-from mottrack.datasets.synthetic.sensor import SENSORS
-from mottrack.datasets.synthetic.solids import Solids
-from mottrack.datasets.synthetic.staging import stage
-from mottrack.datasets.synthetic.states import resting
-from mottrack.datasets.synthetic.terrain import Terrain
+from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
+from mottrack.world import training_pair
+from mottrack.world.bodies import gather, make_body
+from mottrack.world.catalogue import draw_size
+from mottrack.world.culling import Scan
+from mottrack.world.intersect import hit_box, hit_cylinder, hit_ellipsoid
+from mottrack.world.materials import material_table
+from mottrack.world.raycast import World, cast
+from mottrack.world.receiver import Receiver, receive
+from mottrack.world.sensor import SENSORS
+from mottrack.world.solids import Solids
+from mottrack.world.staging import stage
+from mottrack.world.states import resting
+from mottrack.world.terrain import Terrain
 
 
 def best_ms(work: Callable[[], Any], runs: int) -> float:

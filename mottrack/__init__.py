@@ -8,6 +8,8 @@ own dependencies where it is used, and so does ``Pipeline``.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mottrack._version import __version__
+
 if TYPE_CHECKING:
     from mottrack.core import (
         BevGrid,
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
     )
     from mottrack.pipeline.stream import Pipeline
 
-__version__ = "0.1.0"
 __all__ = [
     "BevGrid",
     "FlowField",

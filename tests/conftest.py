@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,3 +19,27 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("no recorded data here: set MOTTRACK_SHARED_DATA to their folder")
     return folder
+
+
+class SilentProgress:
+    """Progress that nobody watches."""
+
+    def begin(self, title: str, scenes: int, todo: int) -> None:
+        self.todo = todo
+
+    def frames(self, scene: str, done: int, total: int) -> None: ...
+
+    def scene_ends(self, outcome: object) -> None: ...
+
+
+@pytest.fixture(scope="session")
+def progress() -> SilentProgress:
+    return SilentProgress()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _importable_plugins() -> Iterator[None]:
+    """Lets a configuration name the classes of `tests/plugins` as ``module:Class``."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(REPOSITORY / "tests" / "plugins"))
+        yield

@@ -9,11 +9,11 @@ from fields import rows
 from pieces import code, paragraphs, table
 from pydantic import BaseModel
 
+from mottrack.experiment.catalogue import catalogue
+from mottrack.experiment.configs import shipped_folder
+from mottrack.experiment.plugins import TABLES
+from mottrack.experiment.settings import Settings
 from mottrack.flow.pillarflow.training.config import TrainConfig
-from mottrack.pipeline.catalogue import catalogue
-from mottrack.pipeline.configs import shipped_folder
-from mottrack.pipeline.plugins import TABLES
-from mottrack.pipeline.settings import Settings
 
 HEAD = ("key", "value", "default", "")
 CATALOGUE = {"dataset": "datasets", "objects": "objects", "flow": "flows", "tracker": "trackers"}

@@ -55,9 +55,9 @@ def check(
     from mottrack.core.errors import ConfigError
     from mottrack.datasets.check.report import report_lines
     from mottrack.datasets.check.walk import Walk, check_dataset, kind_of_folder
-    from mottrack.pipeline.overrides import parse_override
-    from mottrack.pipeline.plugins import load_part
-    from mottrack.pipeline.workers import available_cores
+    from mottrack.experiment.overrides import parse_override
+    from mottrack.experiment.plugins import load_part
+    from mottrack.runs.workers import available_cores
 
     settings: dict[str, object] = {
         "kind": format_name or kind_of_folder(dataset),
@@ -90,7 +90,7 @@ def submit(
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes
     from mottrack.datasets.nuscenes.submission import write_submission
-    from mottrack.pipeline.run_folder import RunFolder
+    from mottrack.runs.run_folder import RunFolder
 
     folder = RunFolder(run)
     if not folder.scenes:

@@ -10,7 +10,7 @@ import typer
 from mottrack.cli.arguments import Config, Sweep
 
 if TYPE_CHECKING:
-    from mottrack.pipeline.noise_study import NoiseStudy
+    from mottrack.studies.noise import NoiseStudy
 
 Out = Annotated[Path, typer.Option("--out", help="YAML file for `tracker`, made or replaced")]
 
@@ -27,8 +27,8 @@ def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None
     experiment and name it there. A sweep over flow sources writes one file for each.
     """
     from mottrack.core.storage import write_text
-    from mottrack.pipeline.experiment import load_experiments
-    from mottrack.pipeline.noise_study import study_noise
+    from mottrack.experiment.experiment import load_experiments
+    from mottrack.studies.noise import study_noise
 
     experiments = load_experiments(config, overrides or [])
     for experiment in experiments:

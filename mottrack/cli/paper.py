@@ -44,8 +44,8 @@ def paper(  # noqa: PLR0913
     from mottrack.paper.plan import Request
     from mottrack.paper.results import run_studies
     from mottrack.paper.studies import studies
-    from mottrack.pipeline.terminal import TerminalProgress
-    from mottrack.pipeline.workers import available_cores
+    from mottrack.runs.terminal import TerminalProgress
+    from mottrack.runs.workers import available_cores
 
     roots = {"kitti": kitti, "nuscenes": nuscenes, "argoverse2": argoverse2}
     given = {name: root for name, root in roots.items() if root is not None}

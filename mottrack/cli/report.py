@@ -29,8 +29,8 @@ def report(
     baseline: Baseline = None,
 ) -> None:
     """Write the HTML report of a finished run or comparison; nothing runs again."""
-    from mottrack.pipeline.stored_comparison import load_comparison
     from mottrack.report.page import write_report
+    from mottrack.runs.stored_comparison import load_comparison
 
     path = folder / "report.html" if out is None else out
     write_report(load_comparison(folder, baseline), path, max_mb=max_mb)

@@ -52,7 +52,7 @@ def list_parts(
 ) -> None:
     """List the parts that a configuration can name."""
     from mottrack.core.errors import unknown_name
-    from mottrack.pipeline.catalogue import catalogue
+    from mottrack.experiment.catalogue import catalogue
 
     tables = catalogue()
     if what not in tables:
@@ -65,12 +65,12 @@ def list_parts(
 def _run(
     config: str, overrides: list[str], out: Path, workers: int, baseline: str | None = None
 ) -> None:
+    from mottrack.experiment.experiment import load_experiments
     from mottrack.formats.text_table import write_tables
-    from mottrack.pipeline.comparison import run_comparison
-    from mottrack.pipeline.comparison_tables import comparison_tables
-    from mottrack.pipeline.experiment import load_experiments
-    from mottrack.pipeline.terminal import TerminalProgress, print_comparison
     from mottrack.report.page import write_report
+    from mottrack.runs.comparison import run_comparison
+    from mottrack.runs.comparison_tables import comparison_tables
+    from mottrack.runs.terminal import TerminalProgress, print_comparison
 
     experiments = load_experiments(config, overrides)
     with TerminalProgress() as progress:

@@ -85,7 +85,7 @@ def calibrate(
 ) -> None:
     """Fit the covariance of trained weights to their errors on held-out pairs."""
     from mottrack.cli.work_bar import WorkBar
-    from mottrack.pipeline.calibration import calibrate_weights
+    from mottrack.studies.calibration import calibrate_weights
 
     with WorkBar("pairs", pairs) as bar:
         found = calibrate_weights(weights, pairs, bar.shards)
@@ -101,11 +101,11 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     from pydantic import ValidationError
 
     from mottrack.core.errors import ConfigError
+    from mottrack.experiment.configs import find_config
+    from mottrack.experiment.overrides import parse_override, set_key
+    from mottrack.experiment.validation_message import explain
+    from mottrack.experiment.yaml_file import read_yaml
     from mottrack.flow.pillarflow.training.config import TrainConfig
-    from mottrack.pipeline.configs import find_config
-    from mottrack.pipeline.explain import explain
-    from mottrack.pipeline.overrides import parse_override, set_key
-    from mottrack.pipeline.yaml_file import read_yaml
 
     path = find_config(config)
     tree = read_yaml(path)
@@ -123,7 +123,7 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
 def _examples(config: ExamplesConfig, parent: Path) -> Path:
     """Make the examples, or wait for the first process to have made them."""
     from mottrack.cli.work_bar import WorkBar
-    from mottrack.pipeline.training_data import await_examples, examples_folder, make_examples
+    from mottrack.studies.training_data import await_examples, examples_folder, make_examples
 
     folder = examples_folder(config, parent)
     if int(os.environ.get("RANK", "0")):

@@ -34,7 +34,7 @@ def view(
     ] = None,
 ) -> None:
     """Look at the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
-    from mottrack.pipeline.stored_scene import StoredScene, pick_scene, stored_scenes
+    from mottrack.runs.stored_scene import StoredScene, pick_scene, stored_scenes
     from mottrack.viz.recording import Recording
 
     for name in stored_scenes(run) if scene is None else [pick_scene(run, scene)]:
@@ -61,7 +61,7 @@ def animate(
     speed: Speed = 1.0,
 ) -> None:
     """Write a scene of a run as an animation seen from above."""
-    from mottrack.pipeline.stored_scene import StoredScene, pick_scene
+    from mottrack.runs.stored_scene import StoredScene, pick_scene
     from mottrack.viz.film import film, period_s
 
     stored = StoredScene.load(run, pick_scene(run, scene))
@@ -79,9 +79,9 @@ def animate_map(
 ) -> None:
     """Run DOGMa over a scene and write its map as an animation: free, occupied, moving cells."""
     from mottrack.core.errors import ConfigError
-    from mottrack.pipeline.experiment import load_experiments
-    from mottrack.pipeline.map_film import map_pictures, sweep_period_s
-    from mottrack.pipeline.runner import scene_names
+    from mottrack.experiment.experiment import load_experiments
+    from mottrack.runs.runner import scene_names
+    from mottrack.studies.dogma_animation import map_pictures, sweep_period_s
     from mottrack.viz.dogma import draw_map
 
     experiments = load_experiments(config, ["flow=dogma", *(overrides or [])])

@@ -16,12 +16,12 @@ from mottrack.core.faults import REGISTRATION_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
-from mottrack.flow.clusters import connected_cells
-from mottrack.flow.component_field import component_field
-from mottrack.flow.followers import follow_neighbours
-from mottrack.flow.matcher import Labels, MatchConfig, Matcher
+from mottrack.flow.registration.component_field import component_field
+from mottrack.flow.registration.components import connected_cells
+from mottrack.flow.registration.fragments import follow_neighbours
+from mottrack.flow.registration.matcher import Labels, MatchConfig, Matcher
+from mottrack.flow.registration.motion_test import Judged, VerdictConfig, is_moving
 from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
-from mottrack.flow.verdict import Judged, VerdictConfig, is_moving
 
 
 class ClusterIcpConfig(StrictModel):

@@ -14,8 +14,8 @@ from mottrack.core.motion import FlowField
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import GroundStage, keep_points
+from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
 
 _REMEMBERED = 32

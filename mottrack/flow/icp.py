@@ -24,8 +24,8 @@ from mottrack.core.motion import FlowField
 from mottrack.core.objects import Boxes
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import GroundStage, keep_points
+from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
 from mottrack.lidar.point_grid import PointGrid, build_point_grid
 from mottrack.lidar.residual import box_residual, capped_residual, capped_residuals

@@ -23,11 +23,11 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
-from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import GroundStage
-from mottrack.flow.prepared import Prepared
-from mottrack.flow.refine import RefineConfig, Refiner
-from mottrack.flow.sweep_work import RecentWork, SweepWork
+from mottrack.flow.registration.refine import RefineConfig, Refiner
+from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair.prepared import Prepared
+from mottrack.flow.sweep_pair.sweep_work import RecentWork, SweepWork
 from mottrack.lidar.alignment import AlignmentConfig, residual_motion
 from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster, with_returns
 

@@ -9,8 +9,8 @@ from mottrack.core.faults import SOUND
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
-from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import GroundStage, keep_points
+from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 
 
 class ZeroConfig(StrictModel):

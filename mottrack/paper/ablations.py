@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from mottrack.experiment.experiment import Experiment, compose
 from mottrack.flow.pillarflow.shipped import SHIPPED
 from mottrack.paper.plan import config_file
-from mottrack.pipeline.experiment import Experiment, compose
 
 ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
 

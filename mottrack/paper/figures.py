@@ -19,7 +19,7 @@ from mottrack.paper.ball_figure import draw_ball
 from mottrack.paper.plan import WORLD
 from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
 from mottrack.paper.results import Results, StudyResult
-from mottrack.pipeline.run_folder import RunFolder
+from mottrack.runs.run_folder import RunFolder
 from mottrack.viz.flow_comparison import flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 

@@ -23,7 +23,7 @@ from mottrack.paper.plan import Request
 from mottrack.paper.published import TABLES
 from mottrack.paper.results import Results
 from mottrack.paper.tables import beyond_table, claim_table, number, number_table, paper_table
-from mottrack.pipeline.comparison_tables import METHOD
+from mottrack.runs.comparison_tables import METHOD
 
 STYLES = ("base.css", "parts.css")
 SOURCE = "PillarFlow: End-to-end Birds-eye-view Flow Estimation for Autonomous Driving, IROS 2020"

@@ -11,10 +11,10 @@ from pydantic import Field, ValidationError
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError
-from mottrack.pipeline.configs import shipped_folder
-from mottrack.pipeline.experiment import Experiment
-from mottrack.pipeline.explain import explain
-from mottrack.pipeline.yaml_file import read_yaml
+from mottrack.experiment.configs import shipped_folder
+from mottrack.experiment.experiment import Experiment
+from mottrack.experiment.validation_message import explain
+from mottrack.experiment.yaml_file import read_yaml
 
 STUDIES = ("flow", "tracking", "velocity")
 """What recorded data can serve; the embedded world also serves the ball and the runtimes."""

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from mottrack.core.errors import ConfigError, DataError
+from mottrack.experiment.experiment import Experiment, compose
+from mottrack.experiment.yaml_file import read_yaml
 from mottrack.paper.ablations import ablation_runs
 from mottrack.paper.plan import STUDIES, RecordedPlan, Request, Study, config_file
 from mottrack.paper.published import ICP, NONE
-from mottrack.pipeline.experiment import Experiment, compose
-from mottrack.pipeline.runner import scene_names
-from mottrack.pipeline.yaml_file import read_yaml
+from mottrack.runs.runner import scene_names
 
 REGISTRATION = (ICP, "icp")
 """Variants that register what a detector found."""

@@ -24,10 +24,10 @@ from mottrack.eval.run_figures import Figures
 from mottrack.paper.claims import Finding, claims, judge
 from mottrack.paper.machine import machines, note_machine
 from mottrack.paper.plan import Study
-from mottrack.pipeline.differences import Contender, Sampling, sample_runs
-from mottrack.pipeline.run_folder import RunFolder
-from mottrack.pipeline.runner import Job, RunReport, run_jobs
-from mottrack.pipeline.workers import Progress
+from mottrack.runs.differences import Contender, Sampling, sample_runs
+from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.runner import Job, RunReport, run_jobs
+from mottrack.runs.workers import Progress
 
 WARM_UP_FRAMES = 3
 """The first flows of a scene pay for what is made once; they are left out of the runtime."""

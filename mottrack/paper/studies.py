@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from mottrack.core.errors import ConfigError
+from mottrack.experiment.experiment import compose
+from mottrack.experiment.yaml_file import read_yaml
 from mottrack.paper.ablations import ablation_runs
 from mottrack.paper.plan import STUDIES, WORLD, Plan, Request, Study, config_file, read_plan
 from mottrack.paper.recorded import recorded_studies
-from mottrack.pipeline.experiment import compose
-from mottrack.pipeline.yaml_file import read_yaml
 
 
 def studies(request: Request) -> list[Study]:

@@ -1,1 +1,1 @@
-"""The way from a configuration to scores: it knows every room and joins them."""
+"""The chain from sweeps to tracks: one scene, frame by frame."""

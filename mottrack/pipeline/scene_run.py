@@ -14,10 +14,10 @@ from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
-from mottrack.pipeline.album import Album, ClosedAlbum
-from mottrack.pipeline.experiment import Experiment
-from mottrack.pipeline.flow_judge import FlowJudge
+from mottrack.experiment.experiment import Experiment
+from mottrack.pipeline.flow_sampler import FlowJudge
 from mottrack.pipeline.latency import StepTimes
+from mottrack.pipeline.snapshots import Album, ClosedAlbum
 from mottrack.pipeline.stream import Pipeline, needs_detections
 
 OnFrame = Callable[[int, int], None]

@@ -26,12 +26,11 @@ from mottrack.core.motion import FlowField, VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
+from mottrack.experiment.experiment import Experiment, load_to_stream
 from mottrack.objects.velocity import measure_velocity
-from mottrack.pipeline.experiment import Experiment
 from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes
 from mottrack.pipeline.plain_input import Detections, detections_of, pose_of, sweep_of
 from mottrack.pipeline.stopwatch import Stopwatch
-from mottrack.pipeline.stream_config import load_to_stream
 from mottrack.pipeline.sweep_pairs import SweepPairs
 
 

@@ -22,8 +22,8 @@ from mottrack.eval.velocity_error import (
     category_masks,
     velocity_samples,
 )
-from mottrack.pipeline.comparison import ScoredRun
 from mottrack.report.timing import Timing
+from mottrack.runs.comparison import ScoredRun
 
 CURVES = ("mota", "precision", "motp", "ids")
 SHARES = np.linspace(0.0, 1.0, 101)

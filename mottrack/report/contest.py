@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mottrack.pipeline.comparison import ScoredRun
 from mottrack.report.measures import Measure
+from mottrack.runs.comparison import ScoredRun
 
 ORACLE_FLOW, NO_FLOW = "ground_truth", "zero"
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mottrack.eval.paired import Paired
-from mottrack.pipeline.differences import RunDifferences
 from mottrack.report.contest import Entrant
+from mottrack.runs.differences import RunDifferences
 
 SHOWN = {
     ("tracking", "all", "AMOTA"): "AMOTA",

@@ -12,7 +12,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 import mottrack
 from mottrack.core.storage import write_text
-from mottrack.pipeline.comparison import Comparison, ScoredRun
 from mottrack.report.analysis import Analysis
 from mottrack.report.contest import Entrant
 from mottrack.report.differences import difference_groups
@@ -21,6 +20,7 @@ from mottrack.report.measures import FLOW, GLOSSARY, INTERVAL, TIMING, TRACKING,
 from mottrack.report.summary import cards, headlines
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
 from mottrack.report.timing import BUDGET_MS, Timing, stages_of, time_bars, time_rows
+from mottrack.runs.comparison import Comparison, ScoredRun
 
 TEMPLATE = "report.html.j2"
 STYLES = ("base.css", "parts.css", "player.css")

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mottrack.eval.paired import Paired
-from mottrack.pipeline.differences import RunDifferences
 from mottrack.report.analysis import Analysis
 from mottrack.report.contest import Entrant, best_of
 from mottrack.report.differences import Group
 from mottrack.report.measures import FLOW, TIMING, TRACKING, VELOCITY, Measure
+from mottrack.runs.differences import RunDifferences
 
 NAN = float("nan")
 Value = Callable[[Entrant, Analysis], float]

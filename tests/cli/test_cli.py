@@ -59,7 +59,7 @@ def test_main_lets_no_user_error_through(
 def test_a_failed_scene_is_named_at_the_end_with_exit_code_3(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "pipeline"))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "plugins"))
     (tmp_path / "toy.yaml").write_text(
         "dataset: {kind: 'toy_plugins:ToyDataset', scenes: [a, poison]}\n"
         "flow: zero\ntracker: {kind: 'toy_plugins:EchoTracker'}\n"
@@ -81,7 +81,7 @@ def test_what_the_file_system_refuses_is_one_line_too(tmp_path: Path) -> None:
 def test_ctrl_c_ends_everything_at_once_and_leaves_nothing_half_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "pipeline"))
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "plugins"))
     (tmp_path / "toy.yaml").write_text(
         "dataset: {kind: 'toy_plugins:ToyDataset', scenes: [a, b, c, d], frames: 40}\n"
         "flow: zero\ntracker: {kind: 'toy_plugins:EchoTracker'}\n"

@@ -11,8 +11,8 @@ import typer
 import yaml
 
 from mottrack.cli import app
-from mottrack.pipeline.configs import find_config, shipped_folder
-from mottrack.pipeline.experiment import compose
+from mottrack.experiment.configs import find_config, shipped_folder
+from mottrack.experiment.experiment import compose
 
 from .conftest import REPOSITORY, TEXTS, blocks, names
 
@@ -47,7 +47,7 @@ def test_commands_of(text: str) -> None:
 
 def unknown_name(word: str) -> bool:
     """Whether ``flow=a,b`` names something that is not there."""
-    from mottrack.pipeline.plugins import TABLES
+    from mottrack.experiment.plugins import TABLES
 
     group, sign, values = word.partition("=")
     if not sign or group not in TABLES or values.startswith("{"):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from mottrack import Pipeline, Pose, Sweep
+from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
-from mottrack.pipeline.stream_config import load_to_stream
 
 from .conftest import REPOSITORY
 

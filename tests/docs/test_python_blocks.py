@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mottrack import Pose, Sweep
+from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
-from mottrack.pipeline.stream_config import load_to_stream
 
 from .conftest import INCLUDED, REPOSITORY, TEXTS, blocks, names
 

@@ -6,10 +6,10 @@ import importlib
 
 import pytest
 
+from mottrack.experiment.catalogue import catalogue
+from mottrack.experiment.plugins import TABLES
+from mottrack.experiment.settings import Settings
 from mottrack.flow.pillarflow.training.config import TrainConfig
-from mottrack.pipeline.catalogue import catalogue
-from mottrack.pipeline.plugins import TABLES
-from mottrack.pipeline.settings import Settings
 
 pytestmark = pytest.mark.usefixtures("page_makers")
 

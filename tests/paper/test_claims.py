@@ -16,7 +16,7 @@ from mottrack.paper.plan import Study
 from mottrack.paper.published import NONE, PILLARFLOW, TABLE_IV, TABLE_V, TABLES
 from mottrack.paper.results import StudyResult, _times
 from mottrack.paper.tables import claim_table, number_table, paper_table
-from mottrack.pipeline.differences import Sampling
+from mottrack.runs.differences import Sampling
 
 KEY = FigureKey("velocity", "static objects", "mean", "m/s")
 NAN = float("nan")

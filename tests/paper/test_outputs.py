@@ -17,7 +17,7 @@ from mottrack.paper.published import NONE, TABLES
 from mottrack.paper.recorded import spread
 from mottrack.paper.results import Results, StudyResult
 from mottrack.paper.studies import studies
-from mottrack.pipeline.differences import Sampling
+from mottrack.runs.differences import Sampling
 
 SCENES = 5
 

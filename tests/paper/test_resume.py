@@ -4,14 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from mottrack.experiment.experiment import compose
 from mottrack.paper.plan import Study
 from mottrack.paper.published import TABLE_III
 from mottrack.paper.results import Results, run_studies
 from mottrack.paper.tables import number_table
-from mottrack.pipeline.experiment import compose
-from mottrack.pipeline.workers import Outcome
+from mottrack.runs.workers import Outcome
 
-TOYS = Path(__file__).parents[1] / "pipeline"
 TREE = {
     "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a", "b"]},
     "flow": [{"kind": "zero"}, {"kind": "toy_plugins:ConstantFlow"}],
@@ -43,10 +42,7 @@ def run(out: Path, workers: int, progress: Interrupted) -> Results:
     return run_studies([study], out, workers=workers, progress=progress)
 
 
-def test_interrupted_and_resumed_with_other_workers_is_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(str(TOYS))
+def test_interrupted_and_resumed_with_other_workers_is_the_same(tmp_path: Path) -> None:
     whole = run(tmp_path / "whole", 2, Interrupted())
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "parts", 1, Interrupted(after=2))

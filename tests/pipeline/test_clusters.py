@@ -8,7 +8,7 @@ import numpy as np
 
 from mottrack.core import SceneResult
 from mottrack.eval.velocity_error import velocity_samples, velocity_table
-from mottrack.pipeline.experiment import load_experiments
+from mottrack.experiment.experiment import load_experiments
 from mottrack.pipeline.scene_run import run_scene
 
 WORLD = ("dataset.scenes=1", "dataset.seed=31", "dataset.duration_s=1.0", "dataset.key_hz=10")

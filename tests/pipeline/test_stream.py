@@ -12,9 +12,9 @@ import mottrack
 from mottrack import Pipeline, Pose, VelocityMeasurement
 from mottrack.core import ConfigError, Frame, InputError, Sweep, TrackTable
 from mottrack.core.faults import FLOW_FAULTS, SOUND
+from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.pipeline.stream import joined
-from mottrack.pipeline.stream_config import load_to_stream
 
 WORLD = ("dataset.scenes=1", "dataset.seed=5", "dataset.duration_s=1.2", "dataset.key_hz=5")
 DETECTED = [

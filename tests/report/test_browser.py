@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from mottrack.pipeline.comparison import Comparison
 from mottrack.report.page import write_report
+from mottrack.runs.comparison import Comparison
 
 from .browser import Page, browser, find_browser
 from .conftest import MARKUP

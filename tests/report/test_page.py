@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from mottrack.core import ConfigError
-from mottrack.pipeline.comparison import Comparison
-from mottrack.pipeline.stored_comparison import load_comparison
 from mottrack.report.page import write_report
+from mottrack.runs.comparison import Comparison
+from mottrack.runs.stored_comparison import load_comparison
 
 VOID = {"wbr", "meta", "img", "br", "link", "input", "line", "rect"}
 

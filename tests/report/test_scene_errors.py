@@ -3,9 +3,9 @@ import numpy as np
 from mottrack.core import SceneResult
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.eval.scores import Cut, ScoreConfig, scene_scores
-from mottrack.pipeline.comparison import Comparison
 from mottrack.report.analysis import Analysis
 from mottrack.report.scene_errors import NOBODY, scene_errors
+from mottrack.runs.comparison import Comparison
 
 
 def boxes(rows: list[tuple[int, int, float]]) -> dict[str, np.ndarray]:

@@ -17,7 +17,7 @@ from mottrack.trackers.association import (
     mutual_nearest,
 )
 from mottrack.trackers.association.overlap import OVERLAPS, overlap_cost
-from mottrack.trackers.nms import non_maximum_suppression
+from mottrack.trackers.kalman.nms import non_maximum_suppression
 
 NONE = (np.empty(0, np.int64), np.empty(0, np.int64))
 

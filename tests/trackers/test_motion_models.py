@@ -6,7 +6,7 @@ import pytest
 from mottrack.core.objects import Objects
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.kalman.imm_bank import ImmBank
-from mottrack.trackers.motion_models import MOTION_MODELS, REAR_AXLE
+from mottrack.trackers.kalman.motion_models import MOTION_MODELS, REAR_AXLE
 
 CA_OF_11 = ("ca", 11)
 """Constant acceleration needs the acceleration in its state."""

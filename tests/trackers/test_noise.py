@@ -7,9 +7,9 @@ from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.objects import Objects, Truth
 from mottrack.trackers import KalmanTracker
-from mottrack.trackers.consistency import consistency, nees
-from mottrack.trackers.noise import estimate_noise, estimate_velocity_noise
-from mottrack.trackers.samples import PairCollector
+from mottrack.trackers.noise_estimation.consistency import consistency, nees
+from mottrack.trackers.noise_estimation.estimate import estimate_noise, estimate_velocity_noise
+from mottrack.trackers.noise_estimation.samples import PairCollector
 
 STEP_S = 0.5
 SIGMA = np.array([0.4, 0.2, 0.1, 0.08, 0.2, 0.1, 0.15])

@@ -9,7 +9,7 @@ from mottrack.core.objects import Objects, Tracks
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.kalman.noise_model import process_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
-from mottrack.trackers.smoothing import smooth
+from mottrack.trackers.kalman.smoothing import smooth
 
 STEP_NS = 100_000_000
 SPEED_MPS = 8.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mottrack.core.errors import ConfigError, unknown_name
 from mottrack.datasets.synthetic.config import SyntheticConfig
 from mottrack.datasets.synthetic.scene import SyntheticScene, scene_name
-from mottrack.datasets.synthetic.sensor import sensor_model
+from mottrack.world.sensor import sensor_model
 
 
 class SyntheticDataset:

@@ -13,15 +13,15 @@ from mottrack.core.frame import Frame
 from mottrack.core.objects import Objects, Truth
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import Sweep
-from mottrack.datasets.synthetic.catalogue import TRACKED
 from mottrack.datasets.synthetic.config import SyntheticConfig
-from mottrack.datasets.synthetic.detector import Clock, Ghosts, Seen, detect, draw_ghosts
-from mottrack.datasets.synthetic.ego import PoseError, pose_of
-from mottrack.datasets.synthetic.sensor import random_sensor, sensor_model
-from mottrack.datasets.synthetic.sweep_maker import PointTruth, Rig, Shot, shoot
-from mottrack.datasets.synthetic.terrain import heights_at
-from mottrack.datasets.synthetic.traffic import Density
-from mottrack.datasets.synthetic.world import World, WorldPlan, build_world
+from mottrack.world.catalogue import TRACKED
+from mottrack.world.detector import Clock, Ghosts, Seen, detect, draw_ghosts
+from mottrack.world.ego import PoseError, pose_of
+from mottrack.world.sensor import random_sensor, sensor_model
+from mottrack.world.sweep_maker import PointTruth, Rig, Shot, shoot
+from mottrack.world.terrain import heights_at
+from mottrack.world.traffic import Density
+from mottrack.world.world import World, WorldPlan, build_world
 
 _WARM_UP_S = 4.0
 _WORLD, _RIG, _SWEEP, _GHOSTS, _DETECTOR = range(5)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.sweep import Sweep
-from mottrack.flow.kept_points import GroundStage
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 from mottrack.lidar.ground import find_ground
 
 GROUND, OBSTACLE, OVERHEAD, OWN = (np.uint8(kind) for kind in range(4))

@@ -24,8 +24,8 @@ from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
 from mottrack.flow.dogma.returns import OBSTACLE, returns_of
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
-from mottrack.flow.elapsed import elapsed_seconds
-from mottrack.flow.kept_points import GroundStage
+from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 
 REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
 

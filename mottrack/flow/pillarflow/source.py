@@ -15,7 +15,6 @@ from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
-from mottrack.flow.elapsed import elapsed_seconds
 from mottrack.flow.pillarflow.raster import (
     cell_of_centres,
     network_cells,
@@ -23,8 +22,9 @@ from mottrack.flow.pillarflow.raster import (
     seen_shares,
 )
 from mottrack.flow.pillarflow.shipped import weights_path
-from mottrack.flow.prepared import Prepared
 from mottrack.flow.stages import Stages, StagesConfig
+from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
+from mottrack.flow.sweep_pair.prepared import Prepared
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.inference.engine import Engine, Motion

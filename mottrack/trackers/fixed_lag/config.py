@@ -7,9 +7,9 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.trackers.fixed_lag.missed_motion import Witness
 from mottrack.trackers.fixed_lag.motion import MotionNoise
 from mottrack.trackers.fixed_lag.robust import Huber
-from mottrack.trackers.fixed_lag.witness import Witness
 
 
 class MotionConfig(StrictModel):

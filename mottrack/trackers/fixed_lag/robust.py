@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mottrack.core.faults import SOUND, VelocityFaults
+from mottrack.geometry.two_by_two import inverse_2x2, quadratic_2x2
 from mottrack.trackers.fixed_lag.engine import Engine, Recent
+from mottrack.trackers.fixed_lag.missed_motion import Witness
 from mottrack.trackers.fixed_lag.motion import F64
 from mottrack.trackers.fixed_lag.store import I64
-from mottrack.trackers.fixed_lag.witness import Witness
-from mottrack.trackers.kalman.two_by_two import inverse_2x2, quadratic_2x2
 
 _SETTLED = 0.05
 """Smaller changes of a weight are not worth solving a window again."""

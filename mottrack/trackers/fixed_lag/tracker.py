@@ -12,7 +12,6 @@ from mottrack.core.faults import SOUND
 from mottrack.core.objects import Objects, Tracks
 from mottrack.trackers.association import mahalanobis
 from mottrack.trackers.fixed_lag import merge_split
-from mottrack.trackers.fixed_lag.book import TrackBook
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
 from mottrack.trackers.fixed_lag.engine import Belief, Engine, SmoothedWindow
 from mottrack.trackers.fixed_lag.matching import Matches, Predicted, Seen, match
@@ -20,6 +19,7 @@ from mottrack.trackers.fixed_lag.measurement import Measured, measured
 from mottrack.trackers.fixed_lag.merge_split import Overlaps
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
 from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
+from mottrack.trackers.fixed_lag.track_slots import TrackBook
 
 I64 = NDArray[np.int64]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
+from mottrack.trackers.kalman.lifecycle import LifeConfig
 from mottrack.trackers.kalman.presets import PRESETS
-from mottrack.trackers.lifecycle import LifeConfig
 
 Motion = Literal["cv", "ca", "ctrv", "bicycle", "imm"]
 Variance = tuple[Annotated[float, Field(ge=0)], ...]

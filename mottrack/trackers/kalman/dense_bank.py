@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.pose import wrap_angle
+from mottrack.trackers.kalman.motion_models import MOTION_MODELS
 from mottrack.trackers.kalman.noise_model import process_covariance
 from mottrack.trackers.kalman.state import (
     BOX_SIZE,
@@ -19,7 +20,6 @@ from mottrack.trackers.kalman.state import (
     VELOCITY,
     YAW,
 )
-from mottrack.trackers.motion_models import MOTION_MODELS
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

@@ -96,7 +96,7 @@ def suppress(objects: Objects, chosen: I64, label: I64, config: NmsConfig) -> I6
     if config.min_score is not None:
         kept = kept[objects.score[chosen] >= config.min_score]
     # numba behind it: loaded only by those who suppress
-    from mottrack.trackers.nms import non_maximum_suppression
+    from mottrack.trackers.kalman.nms import non_maximum_suppression
 
     rows = chosen[kept]
     box = np.hstack([objects.centre_m, objects.size_m, objects.yaw_rad[:, None]])[rows]

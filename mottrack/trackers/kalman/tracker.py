@@ -9,19 +9,19 @@ from mottrack.core.checks import as_stamp
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
-from mottrack.trackers.book import TrackBook, newborn
-from mottrack.trackers.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.bank import make_bank
+from mottrack.trackers.kalman.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
+from mottrack.trackers.kalman.lifecycle import Life, record_hits
 from mottrack.trackers.kalman.matching import match, others
 from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
 from mottrack.trackers.kalman.predicted import Predicted
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
+from mottrack.trackers.kalman.track_rows import TrackBook, newborn
 from mottrack.trackers.kalman.velocity_belief import density, rest_odds
-from mottrack.trackers.lifecycle import Life, record_hits
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -83,7 +83,7 @@ class KalmanTracker:
         if not self.config.smooth:
             return steps
         # the smoother is built on this package's parts, and most trackers never need it
-        from mottrack.trackers.smoothing import smooth
+        from mottrack.trackers.kalman.smoothing import smooth
 
         return smooth(steps, self.config)
 

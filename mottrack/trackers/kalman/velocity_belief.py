@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.faults import VelocityFaults
-from mottrack.trackers.kalman.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
+from mottrack.geometry.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 
 F64 = NDArray[np.float64]
 SMALLEST = 1e-200

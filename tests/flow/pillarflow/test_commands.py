@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from mottrack.cli import app
 from mottrack.core.errors import ConfigError
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
-from mottrack.pipeline.training_data import examples_folder
+from mottrack.studies.training_data import examples_folder
 
 TINY = """
 network: small

@@ -11,7 +11,7 @@ from mottrack.flow.pillarflow.reach import check_reach
 from mottrack.flow.pillarflow.shipped import SHIPPED
 from mottrack.flow.pillarflow.source import BinaryOgmFlow, PillarFlow, PillarFlowConfig
 from mottrack.flow.pillarflow.weights_file import load_weights
-from mottrack.pipeline.world_pairs import world_pair
+from mottrack.studies.world_pairs import world_pair
 
 FILES = sorted(SHIPPED.glob("*.safetensors"))
 

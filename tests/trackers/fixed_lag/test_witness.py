@@ -8,7 +8,7 @@ import pytest
 from mottrack.core.faults import FLOW_FAULTS, SOUND
 from mottrack.trackers.fixed_lag import FixedLagTracker
 from mottrack.trackers.fixed_lag.engine import History
-from mottrack.trackers.fixed_lag.witness import Witness, displacement_velocity
+from mottrack.trackers.fixed_lag.missed_motion import Witness, displacement_velocity
 
 from .conftest import MakeObjects
 

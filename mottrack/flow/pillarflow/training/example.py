@@ -16,7 +16,7 @@ from mottrack.flow.pillarflow.raster import (
     network_points,
     seen_shares,
 )
-from mottrack.flow.prepared import Prepared
+from mottrack.flow.sweep_pair.prepared import Prepared
 
 Floats = NDArray[np.float32]
 EXAMPLE_GRID = BevGrid(cell_m=0.5)

@@ -10,10 +10,10 @@ import numpy as np
 
 from mottrack.core.grid import BevGrid
 from mottrack.core.sweep import Sweep
-from mottrack.flow.kept_points import GroundStage
 from mottrack.flow.pillarflow.training.example import Example, Labels, example_of, numbered
 from mottrack.flow.pillarflow.training.shards import write_shard
 from mottrack.flow.stages import Stages, StagesConfig
+from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 
 EDGE_M = 50.5
 

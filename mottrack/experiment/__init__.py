@@ -1,0 +1,1 @@
+"""Configuration of an experiment: files, overrides, sweeps, and the parts they name."""

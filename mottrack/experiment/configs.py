@@ -1,0 +1,40 @@
+"""Where experiment files and their groups are found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mottrack.core.errors import unknown_name
+
+
+def shipped_folder() -> Path:
+    """The folder of configurations that come with the package."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "configs"  # in a wheel; in a checkout they lie beside the package
+    return inside if inside.is_dir() else package.parent / "configs"
+
+
+def find_config(name: str) -> Path:
+    """The file at that path, or the shipped one of that name (with or without ``.yaml``).
+
+    Raises:
+        ConfigError: there is neither.
+    """
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = shipped_folder() / f"{path.stem}.yaml"
+    if shipped.is_file() and path.parent.name in ("", "configs"):
+        return shipped
+    raise unknown_name("config", name, [p.stem for p in shipped_folder().glob("*.yaml")])
+
+
+def find_group(group: str, name: str, beside: Path) -> Path | None:
+    """``<group>/<name>.yaml`` beside the experiment's file, else the shipped one, else None."""
+    if not name.replace("_", "").replace("-", "").replace(".", "").isalnum() or ".." in name:
+        return None  # module:Class of the user's own, never a path
+    for folder in (beside, shipped_folder()):
+        path = folder / group / f"{name}.yaml"
+        if path.is_file():
+            return path
+    return None

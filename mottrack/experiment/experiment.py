@@ -1,0 +1,161 @@
+"""One experiment: which data, which objects, which flow, which tracker, and how they are scored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from mottrack.core.errors import ConfigError
+from mottrack.experiment.configs import find_config, find_group
+from mottrack.experiment.overrides import GROUPS, Choice, expand, parse_override, set_key
+from mottrack.experiment.plugins import Part, load_part
+from mottrack.experiment.settings import Settings
+from mottrack.experiment.validation_message import explain
+from mottrack.experiment.yaml_file import read_yaml
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A complete, checked configuration."""
+
+    dataset: Part
+    objects: Part
+    flow: Part
+    tracker: Part
+    settings: Settings
+    variant: str = ""
+    """What distinguishes it within a sweep; empty if it is the only one."""
+    sources: tuple[str, ...] = field(default=())
+    """Files that it was composed of."""
+
+    @property
+    def title(self) -> str:
+        """What names it in a table."""
+        return self.variant or self.settings.name or self.flow.kind
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Dataset, objects, flow and tracker."""
+        return self.dataset, self.objects, self.flow, self.tracker
+
+    def resolved(self) -> dict[str, Any]:
+        """Every setting, defaults included, as plain data."""
+        parts = {g: part.resolved() for g, part in zip(GROUPS, self.parts, strict=True)}
+        return {**parts, **self.settings.model_dump(mode="json")}
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the resolved configuration: equal settings, equal hash."""
+        canonical = json.dumps(self.resolved(), sort_keys=True, default=str)
+        return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experiment]:
+    """Composes an experiment file, its groups and the overrides; a sweep gives several.
+
+    Args:
+        config: path of a YAML file, or the name of one that is shipped.
+        overrides: ``key=value`` texts; ``flow=zero,icp`` makes a sweep.
+
+    Raises:
+        ConfigError: a key, a name or a value is wrong.
+        DataError: a file can't be read.
+    """
+    path = find_config(config)
+    return compose(read_yaml(path), overrides, path)
+
+
+def load_to_stream(config: str, overrides: Sequence[str] = ()) -> Experiment:
+    """Composes one experiment; the file's data set is left out unless an override speaks of it.
+
+    Raises:
+        ConfigError: a key, a name or a value is wrong, or several variants are left.
+        DataError: the file can't be read.
+    """
+    path = find_config(config)
+    tree = read_yaml(path)
+    if not any(parse_override(text)[0].startswith("dataset") for text in overrides):
+        tree.pop("dataset", None)
+    experiments = compose(tree, overrides, path)
+    if len(experiments) > 1:
+        variants = ", ".join(e.variant for e in experiments)
+        raise ConfigError(f"{path}: {len(experiments)} variants ({variants}), expected one: choose")
+    return experiments[0]
+
+
+def compose(tree: Mapping[str, Any], overrides: Sequence[str], path: Path) -> list[Experiment]:
+    """Composes experiments from a mapping as an experiment file holds it.
+
+    Args:
+        tree: keys to values; a list under a group makes a sweep.
+        overrides: ``key=value`` texts.
+        path: names the file in errors; groups are looked for beside it.
+
+    Raises:
+        ConfigError: a key, a name or a value is wrong.
+        DataError: the file of a group can't be read.
+    """
+    variants = expand(tree, overrides)
+    names = [name for name, _ in variants]
+    if len(set(names)) != len(names):
+        raise ConfigError(f"{path}: two variants of the sweep have the same name: {sorted(names)}")
+    return [_compose_one(tree, choices, name, path) for name, choices in variants]
+
+
+def _compose_one(
+    base: Mapping[str, Any], choices: Sequence[Choice], variant: str, path: Path
+) -> Experiment:
+    tree: dict[str, Any] = json.loads(json.dumps(base, default=str))  # a copy without aliases
+    sources = [str(path)]
+    tree |= {key: value for key, value in choices if key in GROUPS}
+    for group in GROUPS:
+        choice = tree.get(group, DEFAULTS[group])
+        tree[group] = deepcopy(_group_settings(group, choice, path, sources))
+    for key, value in choices:
+        if key not in GROUPS:
+            set_key(tree, key, value)
+    try:
+        parts = {group: load_part(group, tree.pop(group)) for group in GROUPS}
+        settings = Settings.model_validate(tree)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(error, _WholeFile)}") from error
+    return Experiment(**parts, settings=settings, variant=variant, sources=tuple(sources))
+
+
+DEFAULTS = {
+    "dataset": {"kind": "synthetic"},
+    "objects": {"kind": "detections"},
+    "flow": {"kind": "zero"},
+    "tracker": {"kind": "kalman"},
+}
+
+
+class _WholeFile(Settings):
+    """All top-level keys of an experiment file, for the hint after a typing error."""
+
+    dataset: Any = None
+    objects: Any = None
+    flow: Any = None
+    tracker: Any = None
+
+
+def _group_settings(group: str, choice: Any, path: Path, sources: list[str]) -> dict[str, Any]:
+    """``icp`` is the file ``flow/icp.yaml`` where there is one, else the kind of that name."""
+    if isinstance(choice, dict):
+        return choice
+    if not isinstance(choice, str):
+        raise ConfigError(f"{path}: {group} is {choice!r}, expected a name or a mapping with kind")
+    file = find_group(group, choice, path.parent)
+    if file is None:
+        return {"kind": choice}
+    sources.append(str(file))
+    return {"kind": choice, **read_yaml(file)}

@@ -1,0 +1,89 @@
+"""``key=value`` on the command line, with Hydra's syntax: ``flow=icp``, ``tracker.gate=5,7``."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from mottrack.core.errors import ConfigError
+from mottrack.experiment.yaml_file import parse_scalar
+
+GROUPS = ("dataset", "objects", "flow", "tracker")
+Choice = tuple[str, Any]
+
+
+def parse_override(text: str) -> tuple[str, list[Any]]:
+    """Splits ``key=value`` into the key and its values; commas outside brackets make a sweep.
+
+    Raises:
+        ConfigError: there is no ``=``, or the key or a value is empty.
+    """
+    key, sign, value = text.partition("=")
+    key = key.strip()
+    if not sign or not key or not all(key.split(".")):
+        raise ConfigError(f"override '{text}' is not of the form key=value")
+    parts = _split_outside_brackets(value)
+    if len(parts) > 1 and not all(p.strip() for p in parts):
+        raise ConfigError(f"override '{text}' has an empty value between commas")
+    return key, [parse_scalar(p.strip()) for p in parts]
+
+
+def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, list[Choice]]]:
+    """All combinations of a sweep: (name of the variant, the choices that make it).
+
+    A list under a group in the file (``flow: [zero, icp]``) and a list on the command line
+    (``flow=zero,icp``) both make a sweep; the command line wins. The order is that of the file,
+    then of the command line. A single combination has the name ``""``.
+
+    Raises:
+        ConfigError: an override is none, or a list is empty.
+    """
+    axes: dict[str, list[Any]] = {g: list(tree[g]) for g in GROUPS if isinstance(tree.get(g), list)}
+    for text in overrides:
+        key, values = parse_override(text)
+        axes.pop(key, None)
+        axes[key] = values
+    empty = [key for key, values in axes.items() if not values]
+    if empty:
+        raise ConfigError(f"{empty[0]} is an empty list, expected at least one value")
+    ordered = sorted(axes, key=lambda key: key not in GROUPS)  # a group first, then its fields
+    variants = []
+    for combination in itertools.product(*(axes[key] for key in ordered)):
+        choices = list(zip(ordered, combination, strict=True))
+        swept = [(k, v) for k, v in choices if len(axes[k]) > 1]
+        variants.append((_variant_name(swept), choices))
+    return variants
+
+
+def set_key(tree: dict[str, Any], key: str, value: Any) -> None:
+    """Sets ``a.b.c`` in nested mappings, making those that are missing.
+
+    Raises:
+        ConfigError: the key leads through something that is not a mapping.
+    """
+    *parents, last = key.split(".")
+    for depth, name in enumerate(parents):
+        tree = tree.setdefault(name, {})
+        if not isinstance(tree, dict):
+            raise ConfigError(f"'{'.'.join(parents[: depth + 1])}' has no key to set in '{key}'")
+    tree[last] = value
+
+
+def _variant_name(choices: Iterable[Choice]) -> str:
+    names = []
+    for key, value in choices:
+        label = value.get("name", value.get("kind", "?")) if isinstance(value, dict) else value
+        names.append(str(label) if key in GROUPS else f"{key.rpartition('.')[2]}={label}")
+    return "+".join(names).replace("/", "_")
+
+
+def _split_outside_brackets(text: str) -> list[str]:
+    depth, parts = 0, [""]
+    for character in text:
+        depth += (character in "[{(") - (character in "]})")
+        if character == "," and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += character
+    return parts

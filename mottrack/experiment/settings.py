@@ -1,0 +1,75 @@
+"""What an experiment holds besides its four parts."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from mottrack.config import StrictModel
+from mottrack.core.grid import BevGrid
+from mottrack.eval.scores import ScoreConfig
+from mottrack.objects.velocity import VelocityConfig
+
+MOST_CELLS = 4096
+"""A side; more is a slip of the unit."""
+
+
+class GridConfig(StrictModel):
+    """Extent and cell size of the bird's-eye-view grid; the default is the paper's."""
+
+    x_min_m: float = Field(default=-50.0, description="rear edge")
+    x_max_m: float = Field(default=50.0, description="front edge")
+    y_min_m: float = Field(default=-50.0, description="right edge")
+    y_max_m: float = Field(default=50.0, description="left edge")
+    cell_m: float = Field(default=0.25, gt=0, description="side of a cell")
+
+    @model_validator(mode="after")
+    def _is_a_grid(self) -> Self:
+        if max(self.grid().shape) > MOST_CELLS:
+            raise ValueError(f"at most {MOST_CELLS} cells a side")
+        return self
+
+    def grid(self) -> BevGrid:
+        """The grid itself."""
+        return BevGrid(**self.model_dump())
+
+
+class SnapshotConfig(StrictModel):
+    """What is kept of a run to be looked at: in the report, by a viewer, as a film."""
+
+    scenes: int = Field(
+        default=6, ge=0, description="the first so many scenes keep all their key frames"
+    )
+    points: int = Field(default=4000, ge=0, description="points of a sweep that are kept")
+
+
+class Settings(StrictModel):
+    """What an experiment holds besides its four parts."""
+
+    name: str = Field(default="", description="title in tables and reports")
+    scenes: tuple[str, ...] | None = Field(
+        default=None, min_length=1, description="a choice; None: all"
+    )
+    grid: GridConfig = GridConfig()
+    velocity: VelocityConfig = VelocityConfig()
+    scores: ScoreConfig = ScoreConfig()
+    pair_s: float = Field(
+        default=0.1, gt=0, le=0.3, description="wanted time between the two sweeps of a flow"
+    )
+    max_pair_s: float = Field(
+        default=0.3, gt=0, le=0.3, description="sweeps further apart are refused: objects jump"
+    )
+    score_flow: bool = Field(default=True, description="compare the flow with truth, cell by cell")
+    flow_sample_limit: int = Field(
+        default=4000, ge=1, description="cells a frame that are kept for the flow scores"
+    )
+    snapshots: SnapshotConfig = SnapshotConfig()
+
+    @model_validator(mode="after")
+    def _agrees(self) -> Self:
+        if self.pair_s > self.max_pair_s:
+            raise ValueError(f"pair_s at most max_pair_s, {self.max_pair_s}")
+        if self.scenes is not None and len(set(self.scenes)) != len(self.scenes):
+            raise ValueError("each of scenes once")
+        return self

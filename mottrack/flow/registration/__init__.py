@@ -1,0 +1,1 @@
+"""Registration of connected components between two sweeps, for cluster ICP and refinement."""

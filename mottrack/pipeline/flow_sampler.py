@@ -1,0 +1,121 @@
+"""Collects, cell by cell, what a flow source said and what was true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mottrack.core.frame import Frame
+from mottrack.core.motion import FlowField
+from mottrack.core.objects import Truth
+from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.tables import FlowSamples
+from mottrack.experiment.settings import Settings
+from mottrack.flow.ground_truth import GroundTruthFlow
+from mottrack.lidar.in_boxes import PointsInBoxes, points_in_boxes
+from mottrack.pipeline.stream import Step
+
+MARGIN_M = 0.15
+FEWEST_POINTS = 5
+
+
+@dataclass
+class FlowJudge:
+    """Compares fields with the truth that ``GroundTruthFlow`` makes of annotated tracks.
+
+    A cell is observable when the object in it was hit at least five times in both sweeps, or
+    when no object is in it: what was hit in one sweep only can't be matched by anyone.
+    """
+
+    truth_flow: GroundTruthFlow
+    limit: int
+    enabled: bool
+    _parts: list[FlowSamples] = field(default_factory=list)
+    _truth: dict[int, Truth] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, settings: Settings, *, has_sweeps: bool) -> FlowJudge:
+        """A judge for one scene; it does nothing where the experiment wants no flow scores."""
+        truth_flow = GroundTruthFlow(grid=settings.grid.grid())
+        return cls(truth_flow, settings.flow_sample_limit, settings.score_flow and has_sweeps)
+
+    def observe(self, frame: Frame) -> None:
+        """Takes in the truth of every frame, in order."""
+        self.truth_flow.observe(frame)
+        if frame.truth is not None:
+            self._truth = dict([*self._truth.items(), (frame.stamp_ns, frame.truth)][-8:])
+
+    def judge(self, frame: Frame, step: Step, key_index: int) -> None:
+        """Keeps the cells of one field whose truth is known.
+
+        Args:
+            frame: the current frame.
+            step: what the pipeline made of it.
+            key_index: row of the frame in the scene's FrameTable.
+        """
+        field, pair = step.field, step.pair
+        if not self.enabled or field is None or pair is None or frame.truth is None:
+            return
+        previous, current = pair
+        true_field = self.truth_flow.estimate(previous, current)
+        known = field.occupied & true_field.valid
+        if frame.labelled_azimuth_rad is not None:
+            known &= _between(field.grid.centres_m(), frame.labelled_azimuth_rad)
+        rows, columns = _at_most(np.nonzero(known), self.limit)
+        true_mps = true_field.velocity_mps[rows, columns]
+        self._parts.append(
+            FlowSamples(
+                frame=np.full(len(rows), key_index),
+                xy_m=field.grid.centres_m()[rows, columns].astype(np.float32),
+                estimate_mps=field.velocity_mps[rows, columns],
+                truth_mps=true_mps,
+                dt_s=np.full(len(rows), seconds_between(previous.stamp_ns, current.stamp_ns)),
+                valid=field.valid[rows, columns],
+                dynamic=np.hypot(true_mps[:, 0], true_mps[:, 1]) > 0,
+                observable=self._observable(field, frame.truth, pair)[rows, columns],
+            )
+        )
+
+    def samples(self) -> FlowSamples:
+        """Everything collected, in order of time."""
+        return FlowSamples.stacked(self._parts)
+
+    def _observable(
+        self, field: FlowField, truth: Truth, pair: tuple[Sweep, Sweep]
+    ) -> NDArray[np.bool_]:
+        """(H, W) whether the object in the cell, if any, was hit often enough in both sweeps."""
+        previous, current = pair
+        inside = _hits(current, truth)
+        seen = np.diff(inside.start) >= FEWEST_POINTS
+        before = self._truth.get(previous.stamp_ns)
+        if before is not None:
+            seen_before = np.diff(_hits(previous, before).start) >= FEWEST_POINTS
+            seen &= np.isin(truth.id, before.id[seen_before])
+        object_of = inside.first_box(len(current))
+        rows, columns, in_grid = field.grid.cells(current.xyz_m)
+        unseen = in_grid & (object_of >= 0) & ~np.append(seen, True)[object_of]
+        observable = np.ones(field.grid.shape, dtype=np.bool_)
+        observable[rows[unseen], columns[unseen]] = False
+        return observable
+
+
+def _between(xy_m: NDArray[np.float64], azimuth_rad: tuple[float, float]) -> NDArray[np.bool_]:
+    right, left = azimuth_rad
+    azimuth = np.arctan2(xy_m[..., 1], xy_m[..., 0])
+    return (azimuth >= right) & (azimuth <= left)
+
+
+def _hits(sweep: Sweep, truth: Truth) -> PointsInBoxes:
+    boxes = truth.transformed(sweep.world_T_ego.inverse(), "ego")
+    return points_in_boxes(sweep.xyz_m, boxes.centre_m, boxes.size_m, boxes.yaw_rad, MARGIN_M)
+
+
+def _at_most(
+    cells: tuple[NDArray[np.int64], ...], limit: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns, evenly thinned to at most ``limit``."""
+    n = len(cells[0])
+    index = np.arange(n) if n <= limit else np.linspace(0, n - 1, limit).astype(np.int64)
+    return cells[0][index], cells[1][index]

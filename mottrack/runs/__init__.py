@@ -1,0 +1,1 @@
+"""Run the scenes of experiments, store the results, and compare stored runs."""

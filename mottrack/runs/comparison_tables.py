@@ -1,0 +1,210 @@
+"""The tables of a comparison: for the terminal, and beside the report as CSV, Markdown, LaTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from mottrack.eval.paired import CONFIDENCE, RESAMPLES, FigureKey, Paired
+from mottrack.eval.velocity_error import CATEGORIES, OTHER
+from mottrack.formats.text_table import Cell, Column, TextTable
+from mottrack.runs.comparison import Comparison, ScoredRun, velocity_rows
+from mottrack.runs.differences import RunDifferences
+
+LEADING_ROWS = ("all", "dynamic", "static", *CATEGORIES, OTHER)
+VELOCITY_PARTS = ("mean", "worst 5 %", "rows")
+FLOW_PARTS = ("RMSE", "median", "within 1 m/s")
+FLOW_FIELDS = ("rmse_mps", "median_mps", "within_1_mps")
+METHOD = (
+    f"{CONFIDENCE:.0%} intervals of the paired difference: {RESAMPLES} resamples of scenes, every "
+    "figure evaluated again on each, Student's t with the number of scenes. Of twenty differences "
+    "that are none, about one is called real"
+)
+LATENCY = (
+    "Wall time, a step a sweep; processes that run side by side slow each other: --workers 1 tells "
+    "what one scene takes alone"
+)
+ONE_SCENE = "one scene says nothing about others: no interval"
+OFFICIAL = (
+    "MOTA and MOTP here are the official ones, means over the classes; those of the table of "
+    "tracking are of all boxes together"
+)
+
+
+def comparison_tables(comparison: Comparison) -> list[TextTable]:
+    """Every table of the finished runs."""
+    runs = [run for run in comparison.runs if run.report.finished]
+    if not runs:
+        return []
+    tables = [tracking_table(runs), velocity_table(runs), timing_table(runs), latency_table(runs)]
+    if any(run.scores.flow for run in runs):
+        tables.insert(2, flow_table(runs))
+    if comparison.differences:
+        tables.append(difference_table(comparison.differences))
+    return tables
+
+
+def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """AMOTA and its company, all classes and each of them."""
+    figures = (
+        ("AMOTA", "amota"),
+        ("AMOTP m", "amotp_m"),
+        ("MOTA", "mota"),
+        ("MOTP m", "motp_m"),
+        ("recall", "recall"),
+        ("misses", "misses"),
+        ("false pos.", "false_positives"),
+        ("switches", "id_switches"),
+        ("IDF1", "idf1"),
+        ("HOTA", "hota"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        for label, scores in {"all": run.scores.overall, **run.scores.classes}.items():
+            numbers = scores.as_dict()
+            if not numbers["truth_boxes"]:  # TrackEval's 0 would read as the worst there is
+                numbers["hota"] = float("nan")
+            rows.append((run.title, label, *(numbers[name] for _, name in figures)))
+    columns = (Column("run"), Column("class"), *(Column(name) for name, _ in figures))
+    return TextTable("tracking", "Tracking, matched by centre distance", columns, tuple(rows))
+
+
+def velocity_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Velocity error of tracks by category, a group of columns a run."""
+    names = [f"{run.title}: {part}" for run in runs for part in VELOCITY_PARTS]
+    rows: list[tuple[Cell, ...]] = []
+    for row in velocity_rows(runs):
+        errors = [run.velocity_error(row) for run in runs]
+        cells: list[Cell] = []
+        for error in errors:
+            cells += [error.mean_mps, error.worst_mean_mps, error.count]
+        rows.append((row, *cells))
+    columns = (Column("tracks"), *(Column(name) for name in names))
+    return TextTable("velocity", "Track velocity error, m/s", columns, tuple(rows))
+
+
+def flow_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Flow error by kind of cell, a group of columns a run."""
+    names = [f"{run.title}: {part}" for run in runs for part in FLOW_PARTS]
+    rows: list[tuple[Cell, ...]] = []
+    for row in dict.fromkeys(row for run in runs for row in run.scores.flow):
+        cells: list[Cell] = []
+        for run in runs:
+            error = run.scores.flow.get(row)
+            cells += [None if error is None else getattr(error, name) for name in FLOW_FIELDS]
+        rows.append((row, *cells))
+    columns = (Column("cells"), *(Column(name) for name in names))
+    return TextTable("flow", "Flow error, m/s", columns, tuple(rows))
+
+
+def timing_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Wall time of every stage."""
+    stages = dict.fromkeys(stage for run in runs for stage in run.stage_ms)
+    rows: list[tuple[Cell, ...]] = [
+        (run.title, *(run.stage_ms.get(stage, 0.0) for stage in stages)) for run in runs
+    ]
+    columns = (Column("run"), *(Column(stage, digits=1) for stage in stages))
+    return TextTable(
+        "timing",
+        "Mean wall time a key frame, ms (the first compiles and loads)",
+        columns,
+        tuple(rows),
+    )
+
+
+def latency_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Every stage of a step, and of it each part, against the time between two sweeps."""
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        report = run.latency
+        for stage, s in ({} if report is None else report.stages).items():
+            warm_up_ms = 0.0 if report is None else report.warm_up_ms.get(stage, 0.0)
+            times = (s.mean_ms, s.p50_ms, s.p99_ms, s.max_ms, warm_up_ms)
+            rows.append((run.title, stage, *times, s.steps))
+    names = ("mean", "p50", "p99", "max", "warm-up")
+    columns = (
+        Column("run"),
+        Column("stage"),
+        *(Column(name, digits=1) for name in names),
+        Column("steps"),
+    )
+    return TextTable("latency", "Latency of a step, ms", columns, tuple(rows), LATENCY)
+
+
+def difference_table(parts: Sequence[RunDifferences]) -> TextTable:
+    """Every figure of every run against its baseline, one row each."""
+    columns = (
+        *(Column(name) for name in ("run", "baseline", "figure", "baseline value", "value")),
+        Column("difference", signed=True),
+        Column("low", signed=True),
+        Column("high", signed=True),
+        Column("real"),
+        Column("scenes"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for part in parts:
+        for row in part.rows:
+            names = (part.run, part.baseline, figure_name(row.key))
+            numbers = (row.baseline, row.value, row.difference, row.low, row.high)
+            rows.append((*names, *numbers, verdict(row), row.scenes))
+    return TextTable(
+        "differences", "Differences to the baseline", columns, tuple(rows), f"{METHOD}. {OFFICIAL}"
+    )
+
+
+def leading_differences(parts: Sequence[RunDifferences]) -> Iterator[TextTable]:
+    """For the terminal, a table a baseline: leading figures in rows, runs in columns."""
+    for baseline in dict.fromkeys(part.baseline for part in parts):
+        group = [part for part in parts if part.baseline == baseline]
+        shown = [{row.key: row for row in part.rows if _leads(row.key)} for part in group]
+        rows: list[tuple[Cell, ...]] = []
+        for key in dict.fromkeys(key for rows_of in shown for key in rows_of):
+            found = [rows_of.get(key) for rows_of in shown]
+            value = next(row.baseline for row in found if row is not None)
+            rows.append((figure_name(key), value, *(_difference_text(row) for row in found)))
+        columns = (Column("figure"), Column(baseline), *(Column(part.run) for part in group))
+        title = f"Difference to {baseline} over {group[0].scenes} scenes"
+        yield TextTable("differences", title, columns, tuple(rows), _note(group))
+
+
+def compact(table: TextTable, titles: Sequence[str], parts: Sequence[str]) -> TextTable:
+    """For the terminal: leading rows only, and the columns of each run in one."""
+    size = len(parts)
+    rows: list[tuple[Cell, ...]] = []
+    for cells in table.texts():
+        groups = [cells[k : k + size] for k in range(1, len(cells), size)]
+        if cells[0] in LEADING_ROWS:
+            rows.append((cells[0], *(" | ".join(group) for group in groups)))
+    columns = (table.columns[0], *(Column(title) for title in titles))
+    return TextTable(table.name, f"{table.title}: {' | '.join(parts)}", columns, tuple(rows))
+
+
+def figure_name(key: FigureKey) -> str:
+    """Name of a figure in a table of differences, with its unit."""
+    what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
+    row = "" if key.table == "tracking" else f"{key.row}, "
+    unit = f" ({key.unit})" if key.unit else ""
+    return f"{what[key.table]}{row}{key.metric}{unit}"
+
+
+def verdict(row: Paired) -> str:
+    """Whether a difference is real, in a word or two."""
+    if row.low != row.low:
+        return "one scene" if row.scenes == 1 else "no interval"
+    return {True: "better", False: "worse", None: "not shown"}[row.better]
+
+
+def _leads(key: FigureKey) -> bool:
+    return key.row in LEADING_ROWS and not (key.table == "flow" and key.metric != "RMSE")
+
+
+def _difference_text(row: Paired | None) -> str:
+    if row is None or row.difference != row.difference:
+        return "–"
+    if row.low != row.low:
+        return f"{row.difference:+.3f} [{verdict(row)}]"
+    found = "" if row.better is None else f" {verdict(row)}"
+    return f"{row.difference:+.3f} ± {row.high - row.difference:.3f}{found}"
+
+
+def _note(group: Sequence[RunDifferences]) -> str:
+    return f"{ONE_SCENE if group[0].scenes == 1 else METHOD}. {OFFICIAL}"

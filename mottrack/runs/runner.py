@@ -1,0 +1,124 @@
+"""Runs the scenes of an experiment in supervised processes, and picks up where it stopped."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from mottrack.core.errors import ConfigError
+from mottrack.experiment.experiment import Experiment
+from mottrack.pipeline.scene_run import run_scene
+from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.workers import Outcome, Progress, Task, run_tasks
+
+
+@dataclass(frozen=True)
+class Job:
+    """An experiment and where its results are kept."""
+
+    experiment: Experiment
+    folder: RunFolder
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """What became of the scenes."""
+
+    finished: tuple[str, ...]
+    failed: dict[str, str]
+    """Scene to the reason, one line each."""
+    resumed: int
+    """How many of the finished scenes were there already."""
+    wall_s: float
+
+
+def run_experiment(
+    experiment: Experiment, folder: RunFolder, *, workers: int, progress: Progress
+) -> RunReport:
+    """Runs every scene that has no result yet; one that fails does not lose the others.
+
+    Raises:
+        ConfigError: a scene is unknown, or the folder belongs to another configuration, other code
+            or other weights.
+    """
+    return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
+
+
+def run_jobs(
+    jobs: Sequence[Job], *, workers: int, progress: Progress, title: str = ""
+) -> list[RunReport]:
+    """The same for several experiments in one pool: none waits for another's last scene.
+
+    They take turns scene by scene: what slows the machine for a while slows them all alike.
+
+    Raises:
+        ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
+            or other weights.
+    """
+    start = time.perf_counter()
+    scenes = [scene_names(job.experiment) for job in jobs]
+    for job in jobs:
+        job.folder.claim(job.experiment)
+    todo = (
+        [Task(job.experiment, s, job.folder.path) for s in names if not job.folder.finished(s)]
+        for job, names in zip(jobs, scenes, strict=True)
+    )
+    tasks = [task for turn in zip_longest(*todo) for task in turn if task is not None]
+    progress.begin(title or _title(jobs), sum(map(len, scenes)), len(tasks))
+    try:
+        outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
+    finally:
+        for job in jobs:
+            job.folder.tidy()
+    wall_s = time.perf_counter() - start
+    return [
+        _report(names, [o for o in outcomes if o.folder == job.folder.path], wall_s)
+        for job, names in zip(jobs, scenes, strict=True)
+    ]
+
+
+def _report(scenes: tuple[str, ...], outcomes: list[Outcome], wall_s: float) -> RunReport:
+    failed = {o.scene: o.error for o in outcomes if o.error}
+    finished = tuple(scene for scene in scenes if scene not in failed)
+    return RunReport(finished, failed, len(scenes) - len(outcomes), wall_s)
+
+
+def _title(jobs: Sequence[Job]) -> str:
+    first = jobs[0].experiment
+    if len(jobs) == 1:
+        return first.variant or first.settings.name
+    return f"{first.settings.name}, {len(jobs)} runs".lstrip(", ")
+
+
+def scene_names(experiment: Experiment) -> tuple[str, ...]:
+    """The scenes that the experiment asks for, in the data set's order.
+
+    Raises:
+        ConfigError: the data set has no scene, or not one that is asked for.
+    """
+    dataset = experiment.dataset.make()
+    known: Sequence[str] = dataset.scene_names
+    wanted = experiment.settings.scenes
+    if wanted is None:
+        if not known:
+            raise ConfigError(f"data set '{dataset.name}' has no scene")
+        return tuple(known)
+    for scene in wanted:
+        if scene not in known:
+            dataset.scene(scene)  # a data set may open scenes it does not list; else it complains
+    return tuple(wanted)
+
+
+def scene_task(task: Task, on_frame: Callable[[int, int], None]) -> None:
+    """Runs one scene and stores its result: what a worker does."""
+    experiment = task.experiment
+    dataset = experiment.dataset.make()
+    drawn = (experiment.settings.scenes or dataset.scene_names)[
+        : experiment.settings.snapshots.scenes
+    ]
+    run = run_scene(
+        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in drawn
+    )
+    RunFolder(task.folder).store(run)

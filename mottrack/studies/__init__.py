@@ -1,0 +1,1 @@
+"""Estimate noise, training data, calibrations and pictures from experiments."""

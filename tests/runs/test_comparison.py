@@ -1,0 +1,103 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mottrack.core import ConfigError
+from mottrack.core.result import SceneResult
+from mottrack.eval.nuscenes.bootstrap import draw, evaluate_weighted, profiles
+from mottrack.eval.nuscenes.from_results import prepare_results, result_metrics, rules_for
+from mottrack.eval.run_figures import OFFICIAL, Resampling, run_figures
+from mottrack.eval.scores import ScoreConfig
+from mottrack.eval.velocity_error import velocity_samples, velocity_table
+from mottrack.experiment.experiment import compose
+from mottrack.runs.comparison import Comparison, run_comparison
+from mottrack.runs.comparison_tables import comparison_tables, verdict
+from mottrack.runs.differences import check_baseline, find_differences
+from mottrack.runs.workers import Progress
+
+TREE = {
+    "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a", "b", "poison", "c"]},
+    "flow": ["zero", "ground_truth"],
+    "tracker": {"kind": "toy_plugins:EchoTracker"},
+}
+
+
+@pytest.fixture(scope="module")
+def comparison(tmp_path_factory: pytest.TempPathFactory, progress: Progress) -> Comparison:
+    runs = compose(TREE, [], Path("experiment.yaml"))
+    return run_comparison(runs, tmp_path_factory.mktemp("comparison"), workers=2, progress=progress)
+
+
+def test_runs_are_paired_over_the_scenes_that_both_have(comparison: Comparison) -> None:
+    (part,) = comparison.differences
+    assert (part.baseline, part.run, part.scenes) == ("zero", "ground_truth", 3)
+    fast = next(r for r in part.rows if r.key.row.startswith("fast") and r.key.metric == "mean")
+    assert fast.better
+    assert fast.difference == pytest.approx(fast.value - 10.0)
+    stored = json.loads((comparison.out / "scores.json").read_text())["differences"][0]
+    assert stored["scenes"] == 3
+    assert {f["table"] for f in stored["figures"]} == {"tracking", "velocity", "flow"}
+    table = {t.name: t for t in comparison_tables(comparison)}["differences"]
+    assert len(table.rows) == len(part.rows)
+    assert "better" in {row[8] for row in table.rows}
+
+
+def test_any_run_can_be_the_baseline_but_it_must_exist(comparison: Comparison) -> None:
+    contenders = [run.contender() for run in comparison.runs]
+    found = find_differences(contenders, "ground_truth")
+    assert [(p.baseline, p.run) for p in found] == [("ground_truth", "zero")]
+    with pytest.raises(ConfigError, match="did you mean 'ground_truth'"):
+        check_baseline([run.experiment for run in comparison.runs], "ground_truht")
+
+
+def test_one_scene_gets_no_interval_and_other_data_no_difference(comparison: Comparison) -> None:
+    first, second = (run.contender() for run in comparison.runs)
+    (alone,) = find_differences([replace(first, finished=("a",)), second], None)
+    assert {verdict(row) for row in alone.rows} == {"one scene"}
+    assert find_differences([first, replace(second, dataset="kitti")], None) == ()
+    assert find_differences([first, replace(second, finished=("z",))], None) == ()
+
+
+def test_figures_are_those_of_the_tables_and_of_the_official_evaluation(
+    comparison: Comparison,
+) -> None:
+    run = comparison.runs[1]
+    results: list[SceneResult] = [run.folder.load(scene) for scene in run.report.finished]
+    common = Resampling.of([results], ScoreConfig(), resamples=5)
+    figures = {(k.table, k.row, k.metric): v for k, v in run_figures(results, common).items()}
+    for (table, row, metric), sampled in figures.items():
+        if table == "velocity":
+            error = run.scores.velocity[row]
+            known = error.mean_mps if metric == "mean" else error.worst_mean_mps
+            assert sampled.value == pytest.approx(known)
+    flow = run.scores.flow["dynamic"]
+    assert figures["flow", "dynamic", "RMSE"].value == pytest.approx(flow.rmse_mps)
+    assert figures["flow", "dynamic", "RMSE of the flow"].value == pytest.approx(flow.rmse_m)
+    assert figures["flow", "dynamic", "AAE"].value == pytest.approx(flow.aae_rad)
+    rules = rules_for(["car"])
+    official = result_metrics(results, rules).total
+    classes = profiles(prepare_results(results, rules), rules)
+    weights = draw(len(results), 5)
+    again = [evaluate_weighted(classes, weight, rules).total for weight in weights]
+    for key in OFFICIAL:
+        sampled = figures["tracking", "all", key.metric]
+        assert sampled.value == pytest.approx(official[key.metric.lower()])
+        np.testing.assert_allclose(sampled.draws, [row[key.metric.lower()] for row in again])
+
+
+def test_a_resample_of_the_velocity_table_is_that_of_the_copied_scenes(
+    comparison: Comparison,
+) -> None:
+    run = comparison.runs[0]
+    results = [run.folder.load(scene) for scene in run.report.finished]
+    common = Resampling.of([results], ScoreConfig(), resamples=4)
+    figures = run_figures(results, common)
+    for b, weight in enumerate(common.weights):
+        copies = [r for r, w in zip(results, weight, strict=True) for _ in range(w)]
+        table = velocity_table([velocity_samples(r) for r in copies])
+        for key, sampled in figures.items():
+            if key.table == "velocity" and key.metric == "mean":
+                assert sampled.draws[b] == pytest.approx(table[key.row].mean_mps)

@@ -1,0 +1,189 @@
+import io
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from mottrack.core import ConfigError, DataError
+from mottrack.core.snapshot import load_snapshots
+from mottrack.datasets.writers import write_synthetic
+from mottrack.experiment.experiment import Experiment, compose
+from mottrack.flow.pillarflow.shipped import SHIPPED
+from mottrack.pipeline.scene_run import run_scene
+from mottrack.runs.comparison import run_comparison
+from mottrack.runs.comparison_tables import comparison_tables
+from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.runner import run_experiment
+from mottrack.runs.stored_comparison import load_comparison
+from mottrack.runs.terminal import print_comparison
+
+HERE = Path("experiment.yaml")
+
+
+def toy_experiment(*overrides: str, **dataset: object) -> Experiment:
+    tree = {
+        "dataset": {"kind": "toy_plugins:ToyDataset", **dataset},
+        "flow": {"kind": "toy_plugins:ConstantFlow"},
+        "tracker": {"kind": "toy_plugins:EchoTracker"},
+    }
+    return compose(tree, overrides, HERE)[0]
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {f.name: f.read_bytes() for f in sorted(folder.glob("scenes/*.npz"))}
+
+
+def test_a_users_own_parts_run_from_sweep_to_score() -> None:
+    experiment = toy_experiment()
+    run = run_scene(experiment, experiment.dataset.make().scene("a"))
+    tracks = run.result.tracks
+    assert len(run.result.frames) == 8
+    later = tracks.frame > 0  # the first frame has no earlier sweep, hence no velocity
+    np.testing.assert_allclose(tracks.velocity_mps[later], np.tile([10.0, 0.0], (14, 1)))
+    assert (tracks.velocity_mps[~later] == 0).all()
+    flow = run.result.flow
+    assert len(flow) > 100
+    dynamic = flow.dynamic
+    np.testing.assert_allclose(flow.truth_mps[dynamic], flow.estimate_mps[dynamic], atol=1e-4)
+    assert set(run.result.timings_s) >= {"read", "flow", "velocity", "tracker"}
+    assert [shot.frame for shot in run.snapshots] == list(range(8))
+
+
+def test_sweeps_are_not_read_where_nobody_looks_at_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment = toy_experiment("flow=zero", "score_flow=false")
+    scene = experiment.dataset.make().scene("a")
+    monkeypatch.setattr(type(scene), "sweep", lambda self, index: pytest.fail("sweep was read"))
+    assert len(run_scene(experiment, scene).result.tracks) == 16
+
+
+def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress) -> None:
+    experiment = toy_experiment(scenes=("a", "b", "c"))
+    for workers in (1, 3):
+        run_experiment(
+            experiment, RunFolder(tmp_path / str(workers)), workers=workers, progress=progress
+        )
+    assert files_of(tmp_path / "1") == files_of(tmp_path / "3")
+    assert len(files_of(tmp_path / "1")) == 6
+    assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 8
+
+
+def test_failures_cost_their_own_scene_only_and_a_killed_worker_gets_another_try(
+    tmp_path: Path, progress
+) -> None:
+    flag = tmp_path / "flag"
+    flag.touch()
+    experiment = toy_experiment(scenes=("poison", "a", "bug", "killed", "b"), flag=str(flag))
+    report = run_experiment(experiment, RunFolder(tmp_path / "run"), workers=3, progress=progress)
+    assert report.finished == ("a", "b")
+    assert report.failed["poison"] == "toy/poison.bin: point 7 is nan, expected a finite number"
+    assert report.failed["bug"].startswith("KeyError: 'surprise' (toy_plugins.py:")
+    assert "its process died" in report.failed["killed"]
+    assert not flag.exists()
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped_with_the_same_bytes(
+    tmp_path: Path, progress
+) -> None:
+    experiment = toy_experiment(scenes=("a", "b", "c"))
+    whole, broken = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "broken")
+    run_experiment(experiment, whole, workers=2, progress=progress)
+    run_experiment(experiment, broken, workers=2, progress=progress)
+    broken.scene_file("b").unlink()
+    damaged = bytearray(broken.scene_file("c").read_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    broken.scene_file("c").write_bytes(bytes(damaged))
+    report = run_experiment(experiment, broken, workers=2, progress=progress)
+    assert (report.resumed, progress.todo) == (1, 2)
+    assert files_of(tmp_path / "whole") == files_of(tmp_path / "broken")
+
+
+def test_a_folder_of_another_configuration_is_refused(tmp_path: Path, progress) -> None:
+    run_experiment(toy_experiment(scenes=("a",)), RunFolder(tmp_path), workers=1, progress=progress)
+    other = toy_experiment("pair_s=0.2", scenes=("a",))
+    with pytest.raises(ConfigError, match="results of another configuration"):
+        run_experiment(other, RunFolder(tmp_path), workers=1, progress=progress)
+
+
+def test_scores_json_holds_every_run_and_the_configuration_lies_beside(
+    tmp_path: Path, progress
+) -> None:
+    tree = {
+        "dataset": {"kind": "toy_plugins:ToyDataset"},
+        "flow": ["zero", "ground_truth"],
+        "tracker": {"kind": "toy_plugins:EchoTracker"},
+    }
+    comparison = run_comparison(compose(tree, [], HERE), tmp_path, workers=2, progress=progress)
+    stored = json.loads((tmp_path / "scores.json").read_text())["runs"]
+    assert [(r["variant"], r["flow"]) for r in stored] == [("zero",) * 2, ("ground_truth",) * 2]
+    assert stored[0]["metrics"]["classes"]["car"]["mota"] == 1.0
+    errors = [r["metrics"]["velocity_error"]["fast [3, inf) m/s"]["mean_mps"] for r in stored]
+    assert errors[0] == pytest.approx(10.0)
+    assert errors[1] < 2.0  # the first frame of each scene has no velocity yet
+    assert comparison.runs[0].experiment.hash in (tmp_path / "zero" / "config.yaml").read_text()
+
+
+def test_results_of_other_code_or_other_weights_are_refused(tmp_path: Path, progress) -> None:
+    """The same guard stands before run, compare and paper: all of them claim their folders."""
+    weights = tmp_path / "mine.safetensors"
+    weights.write_bytes((SHIPPED / "small.safetensors").read_bytes())
+    tree = {
+        "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a"]},
+        "flow": {"kind": "pillarflow", "weights": str(weights)},
+        "tracker": {"kind": "toy_plugins:EchoTracker"},
+    }
+    (experiment,) = compose(tree, [], HERE)
+    folder = RunFolder(tmp_path / "run")
+    folder.claim(experiment)
+    folder.claim(experiment)
+    weights.write_bytes((SHIPPED / "base.safetensors").read_bytes())
+    with pytest.raises(ConfigError, match=r"results of another weights mine\.safetensors \(run"):
+        folder.claim(experiment)
+    weights.unlink()
+    with pytest.raises(DataError, match=r"mine\.safetensors: file is No such file"):
+        folder.claim(experiment)
+    identity = json.loads(folder.identity_file.read_text())
+    folder.identity_file.write_text(json.dumps(identity | {"code": "of yesterday"}))
+    weights.write_bytes((SHIPPED / "small.safetensors").read_bytes())
+    with pytest.raises(ConfigError, match="results of another code"):
+        folder.claim(experiment)
+
+
+def test_what_a_killed_writer_left_is_removed(tmp_path: Path, progress) -> None:
+    left = tmp_path / "scenes" / ".a.npz.x7d9.part"
+    left.parent.mkdir()
+    left.write_bytes(b"half")
+    run_experiment(toy_experiment(scenes=("a",)), RunFolder(tmp_path), workers=1, progress=progress)
+    assert not list(tmp_path.rglob("*.part"))
+    assert not left.exists()
+
+
+def test_a_run_says_whether_it_kept_up(tmp_path: Path, progress) -> None:
+    experiment = toy_experiment(scenes=("a", "b"))
+    comparison = run_comparison([experiment], tmp_path, workers=1, progress=progress)
+    report = comparison.runs[0].latency
+    assert report is not None
+    assert report.budget_ms == pytest.approx(100.0)  # the toy's sweeps are 0.1 s apart
+    assert {"flow", "objects", "velocity", "tracker", "total"} <= set(report.stages)
+    assert 10 <= report.steps <= 14  # of 2 x 8 steps those in which no stage ran first
+    table = {t.name: t for t in comparison_tables(comparison)}["latency"]
+    assert [row[1] for row in table.rows][-1] == "total"
+    shown = io.StringIO()
+    print_comparison(comparison, Console(file=shown, width=140))
+    assert f"of {report.steps} steps over it" in shown.getvalue()
+    assert load_comparison(tmp_path).runs[0].latency == report
+
+
+def test_a_scene_without_detections_names_the_place_where_they_were_looked_for(
+    tmp_path: Path,
+) -> None:
+    write_synthetic(tmp_path, "kitti", 1, seed=3, duration_s=0.2)
+    shutil.rmtree(tmp_path / "detections")
+    tree = {"dataset": {"kind": "kitti", "root": str(tmp_path)}, "score_flow": False}
+    (experiment,) = compose(tree, [], HERE)
+    scene = experiment.dataset.make().scene("0000")
+    words = r"detections/pointrcnn/{Pedestrian,Car,Cyclist}/0000.txt: detections of 0000 is absent"
+    with pytest.raises(DataError, match=words.replace("{", r"\{").replace("}", r"\}")):
+        run_scene(experiment, scene)
