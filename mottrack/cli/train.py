@@ -103,7 +103,7 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     from mottrack.core.errors import ConfigError
     from mottrack.experiment.configs import find_config
     from mottrack.experiment.overrides import parse_override, set_key
-    from mottrack.experiment.validation_message import explain
+    from mottrack.experiment.validation_message import format_validation_error
     from mottrack.experiment.yaml_file import read_yaml
     from mottrack.flow.pillarflow.training.config import TrainConfig
 
@@ -117,7 +117,7 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     try:
         return TrainConfig.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, TrainConfig)}") from error
+        raise ConfigError(f"{path}: {format_validation_error(error, TrainConfig)}") from error
 
 
 def _examples(config: ExamplesConfig, parent: Path) -> Path:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mottrack.cli.arguments import Config, FinishedRun, Overrides, SceneName
+from mottrack.core.arrays import U8
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    pass
 
 Out = Annotated[Path, typer.Option("--out", help="the animation, .gif or .mp4")]
 Speed = Annotated[float, typer.Option("--speed", min=0.05, max=20.0, help="1 is as it happened")]
@@ -93,7 +93,7 @@ def animate_map(
     _write(out, pictures, sweep_period_s(opened) / speed)
 
 
-def _write(out: Path, pictures: Iterable[NDArray[np.uint8]], period_s: float) -> None:
+def _write(out: Path, pictures: Iterable[U8], period_s: float) -> None:
     from mottrack.viz.animation import write_animation
 
     count = write_animation(out, pictures, period_s)

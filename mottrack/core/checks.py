@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from mottrack.core.arrays import Floats, Mask
 from mottrack.core.errors import InputError
 
 T = TypeVar("T", bound=np.generic)
@@ -68,14 +69,14 @@ def require_finite(field: str, array: NDArray[Any]) -> None:
         raise InputError(f"{field}{list(first)}", array[first], "a finite number")
 
 
-def require_all(field: str, array: NDArray[Any], good: NDArray[np.bool_], expected: str) -> None:
+def require_all(field: str, array: NDArray[Any], good: Mask, expected: str) -> None:
     """Raises InputError naming the first entry of ``array`` where ``good`` is false."""
     if not good.all():
         first = tuple(int(i) for i in np.argwhere(~good)[0])
         raise InputError(f"{field}{list(first)}", array[first], expected)
 
 
-def require_covariance(field: str, covariance: NDArray[np.floating[Any]]) -> None:
+def require_covariance(field: str, covariance: Floats) -> None:
     """Raises InputError unless every matrix of (..., 2, 2) is symmetric positive semi-definite."""
     require_finite(field, covariance)
     xx, yy = covariance[..., 0, 0], covariance[..., 1, 1]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Floats, Mask
 from mottrack.core.errors import InputError
 
 
@@ -56,9 +55,7 @@ class BevGrid:
         """Distance from the vehicle to the farthest side, in metres."""
         return max(abs(self.x_min_m), abs(self.x_max_m), abs(self.y_min_m), abs(self.y_max_m))
 
-    def cells(
-        self, xy_m: NDArray[np.floating[Any]]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    def cells(self, xy_m: Floats) -> tuple[I64, I64, Mask]:
         """Row, column and whether it lies inside, of (N, 2) or (N, 3) positions in metres.
 
         Rows and columns of positions outside are clipped to the edge; use the mask.
@@ -73,20 +70,20 @@ class BevGrid:
             inside,
         )
 
-    def centres_m(self) -> NDArray[np.float64]:
+    def centres_m(self) -> F64:
         """(H, W, 2) x and y of the centre of every cell, in metres, ego frame."""
         height, width = self.shape
         x = self.x_min_m + (np.arange(width) + 0.5) * self.cell_m
         y = self.y_min_m + (np.arange(height) + 0.5) * self.cell_m
         return np.stack(np.broadcast_arrays(x[None, :], y[:, None]), axis=-1)
 
-    def counts(self, xy_m: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    def counts(self, xy_m: Floats) -> I64:
         """(H, W) number of positions in each cell."""
         height, width = self.shape
         row, column, inside = self.cells(xy_m)
         flat = (row * width + column)[inside]
         return np.bincount(flat, minlength=height * width).reshape(height, width)
 
-    def occupancy(self, xy_m: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    def occupancy(self, xy_m: Floats) -> Mask:
         """(H, W) whether a cell holds at least one position."""
         return self.counts(xy_m) > 0

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mottrack.core.arrays import F64
 from mottrack.core.frame import Frame
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects, Tracks
@@ -18,7 +16,7 @@ from mottrack.core.sweep import Sweep
 class FlowSource(Protocol):
     """Measures the velocity of every cell from two sweeps.
 
-    An attribute ``faults`` (a `VelocityFaults`) may say how it errs beside its covariance.
+    An attribute ``faults`` (a `VelocityErrorModel`) may say how it errs beside its covariance.
     """
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
@@ -64,7 +62,7 @@ class ObjectSource(Protocol):
 class GroundMap(Protocol):
     """A scene whose map knows how high the ground is (Argoverse 2)."""
 
-    def ground_height(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def ground_height(self, xy_m: F64) -> F64:
         """(N,) world height of the ground at (N, 2) world positions; NaN where unknown."""
         ...
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, Mask
 from mottrack.core.checks import (
     as_array,
     as_stamp,
@@ -17,9 +18,9 @@ from mottrack.core.checks import (
     require_finite,
 )
 from mottrack.core.errors import InputError
-from mottrack.core.faults import SOUND, VelocityFaults
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import rotation_2d
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 
 UNSEEN_M2PS2 = 1e6
 """Variance of a velocity across the axis it was measured along: (1 km/s)^2 says nothing."""
@@ -40,15 +41,15 @@ class FlowField:
     """
 
     grid: BevGrid
-    velocity_mps: NDArray[np.float32]
+    velocity_mps: F32
     """(H, W, 2) velocity along x and y."""
-    covariance_m2ps2: NDArray[np.float32]
+    covariance_m2ps2: F32
     """(H, W, 2, 2) covariance of the velocity's error."""
-    occupied: NDArray[np.bool_]
+    occupied: Mask
     """(H, W) whether the current sweep has a non-ground point in the cell."""
-    valid: NDArray[np.bool_]
+    valid: Mask
     """(H, W) whether the source measured the velocity of the cell."""
-    weight: NDArray[np.float32]
+    weight: F32
     """(H, W) occupancy probability in [0, 1]."""
     stamp_ns: int
     """Stamp of the current sweep."""
@@ -77,7 +78,7 @@ class FlowField:
         return cls.unmeasured(grid, np.zeros(grid.shape, dtype=np.bool_), stamp_ns)
 
     @classmethod
-    def unmeasured(cls, grid: BevGrid, occupied: NDArray[np.bool_], stamp_ns: int) -> FlowField:
+    def unmeasured(cls, grid: BevGrid, occupied: Mask, stamp_ns: int) -> FlowField:
         """A field with (H, W) ``occupied`` cells of which no velocity was measured."""
         shape = grid.shape
         return cls(
@@ -100,13 +101,13 @@ class VelocityMeasurement:
             semi-definite.
     """
 
-    mean_mps: NDArray[np.float64]
+    mean_mps: F64
     """(N, 2) velocity along x and y, in the axes of the objects' frame; 0 where invalid."""
-    covariance_m2ps2: NDArray[np.float64]
+    covariance_m2ps2: F64
     """(N, 2, 2) covariance of its error."""
-    valid: NDArray[np.bool_]
+    valid: Mask
     """(N,) whether the object has a measured velocity."""
-    faults: VelocityFaults = SOUND
+    error_model: VelocityErrorModel = NO_OUTLIERS
     """How the source errs beside the covariance."""
 
     def __post_init__(self) -> None:
@@ -133,9 +134,9 @@ class VelocityMeasurement:
     @classmethod
     def along(
         cls,
-        direction: NDArray[np.float64],
-        speed_mps: NDArray[np.float64],
-        variance_m2ps2: NDArray[np.float64],
+        direction: F64,
+        speed_mps: F64,
+        variance_m2ps2: F64,
     ) -> VelocityMeasurement:
         """Speeds measured along one axis each, as by radar Doppler: nothing is known across it.
 
@@ -161,18 +162,18 @@ class VelocityMeasurement:
     def select(self, index: NDArray[Any]) -> VelocityMeasurement:
         """The rows that a boolean mask or an integer index picks."""
         return VelocityMeasurement(
-            self.mean_mps[index], self.covariance_m2ps2[index], self.valid[index], self.faults
+            self.mean_mps[index], self.covariance_m2ps2[index], self.valid[index], self.error_model
         )
 
-    def with_faults(self, faults: VelocityFaults) -> VelocityMeasurement:
+    def with_error_model(self, error_model: VelocityErrorModel) -> VelocityMeasurement:
         """The same velocities from a source that errs as ``faults`` says."""
-        return replace(self, faults=faults)
+        return replace(self, error_model=error_model)
 
     def rotated(self, yaw_rad: float) -> VelocityMeasurement:
         """The same velocities in axes turned by ``-yaw_rad``: v' = R v, C' = R C R^T."""
         r = rotation_2d(yaw_rad)
         return VelocityMeasurement(
-            self.mean_mps @ r.T, r @ self.covariance_m2ps2 @ r.T, self.valid, self.faults
+            self.mean_mps @ r.T, r @ self.covariance_m2ps2 @ r.T, self.valid, self.error_model
         )
 
 
@@ -229,11 +230,11 @@ def concatenate_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurem
 
 def _each(
     choose: Callable[[Iterable[float]], float], parts: list[VelocityMeasurement]
-) -> VelocityFaults:
+) -> VelocityErrorModel:
     """Faults of several sources: `min` where they confirm each other, `max` where any may err."""
-    faults = [part.faults for part in parts]
-    return VelocityFaults(
-        choose(f.relative for f in faults),
-        choose(f.lost_share for f in faults),
-        choose(f.gross_share for f in faults),
+    error_model = [part.error_model for part in parts]
+    return VelocityErrorModel(
+        choose(f.relative for f in error_model),
+        choose(f.p_missed_motion for f in error_model),
+        choose(f.p_outlier for f in error_model),
     )

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.checks import (
     as_array,
     as_stamp,
@@ -22,7 +23,7 @@ from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.pose import Pose, rotation_2d, wrap_angle
 
 FRAMES = ("world", "ego")
-Hulls = tuple[NDArray[np.float64], ...]
+Hulls = tuple[F64, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,13 +44,13 @@ class Boxes:
     stamp_ns: int
     frame: str = "world"
     """``"world"`` (fixed to the ground) or ``"ego"`` (x forward, y left, z up)."""
-    centre_m: NDArray[np.float64]
+    centre_m: F64
     """(N, 3) centre of the box."""
-    size_m: NDArray[np.float64]
+    size_m: F64
     """(N, 3) length, width, height."""
-    yaw_rad: NDArray[np.float64]
+    yaw_rad: F64
     """(N,) heading about +z; zero is along +x."""
-    label: NDArray[np.str_]
+    label: Texts
     """(N,) class name."""
 
     def __post_init__(self) -> None:
@@ -111,15 +112,15 @@ class Objects(Boxes):
 
     ROWS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {"score": (np.float64, ())}
 
-    score: NDArray[np.float64]
+    score: F64
     """(N,) confidence; higher is surer."""
     velocity: VelocityMeasurement | None = None
     """Measured velocities in the axes of ``frame``; None where no source was asked."""
     hull: Hulls | None = None
     """For clusters: per object (K, 2) corners of the convex hull, counter-clockwise."""
-    position_covariance_m2: NDArray[np.float64] | None = None
+    position_covariance_m2: F64 | None = None
     """(N, 2, 2) covariance of the error of ``centre_m`` in x, y; None where the source has none."""
-    num_points: NDArray[np.int64] | None = None
+    num_points: I64 | None = None
     """(N,) LiDAR returns on the object; None where not counted."""
 
     def __post_init__(self) -> None:
@@ -171,19 +172,19 @@ class Tracks(Boxes):
         "observed": (np.bool_, ()),
     }
 
-    id: NDArray[np.int64]
+    id: I64
     """(N,) identity, unique within the scene."""
-    score: NDArray[np.float64]
+    score: F64
     """(N,) confidence of the track."""
-    velocity_mps: NDArray[np.float64]
+    velocity_mps: F64
     """(N, 2) velocity over the ground in the axes of ``frame``."""
-    velocity_covariance_m2ps2: NDArray[np.float64]
+    velocity_covariance_m2ps2: F64
     """(N, 2, 2) covariance of its error."""
-    state: NDArray[np.float64]
+    state: F64
     """(N, D) mean of the tracker's own state."""
-    covariance: NDArray[np.float64]
+    covariance: F64
     """(N, D, D) covariance of the tracker's own state."""
-    observed: NDArray[np.bool_]
+    observed: Mask
     """(N,) whether the track was seen at this stamp; false while it coasts."""
     hull: Hulls | None = None
     """For clusters: per track (K, 2) corners of the convex hull."""
@@ -240,14 +241,14 @@ class Truth(Boxes):
     }
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
-    id: NDArray[np.int64]
+    id: I64
     """(N,) identity, unique within the scene."""
-    velocity_mps: NDArray[np.float64]
+    velocity_mps: F64
     """(N, 2) velocity over the ground in the axes of ``frame``; NaN where the labels do not tell
     (a track of one box, a gap that is too long)."""
-    num_points: NDArray[np.int64]
+    num_points: I64
     """(N,) LiDAR returns on the object; -1 where not counted."""
-    interpolated: NDArray[np.bool_]
+    interpolated: Mask
     """(N,) whether the box was interpolated between two annotated stamps."""
 
     @classmethod
@@ -294,14 +295,14 @@ def _checked_hull(hull: Hulls | None, n: int) -> Hulls | None:
     return checked
 
 
-def _is_checked(hull: NDArray[np.float64]) -> bool:
+def _is_checked(hull: F64) -> bool:
     """Whether `as_array` would return the same; hundreds of hulls pass through every frame."""
     if not isinstance(hull, np.ndarray) or hull.flags.writeable or hull.dtype != np.float64:
         return False
     return hull.ndim == 2 and hull.shape[1] == 2
 
 
-def _moved_hull(hull: Hulls | None, centre_m: NDArray[np.float64], b_T_a: Pose) -> Hulls | None:
+def _moved_hull(hull: Hulls | None, centre_m: F64, b_T_a: Pose) -> Hulls | None:
     """Moves hulls with the pose; each hull lies at its box's height."""
     if hull is None:
         return None

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mottrack.core.arrays import F64, Floats
 from mottrack.core.checks import as_array, require_finite
 from mottrack.core.errors import InputError
 
@@ -22,9 +22,9 @@ class Pose:
         InputError: a shape is wrong, a number is not finite, or the rotation is not a rotation.
     """
 
-    rotation: NDArray[np.float64]
+    rotation: F64
     """(3, 3) rotation matrix, determinant +1."""
-    translation_m: NDArray[np.float64]
+    translation_m: F64
     """(3,) translation in metres, in the axes of the target frame."""
 
     def __post_init__(self) -> None:
@@ -85,7 +85,7 @@ class Pose:
         return cls(rotation_z(yaw_rad), as_array("translation_m", translation_m, np.float64, (3,)))
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> F64:
         """(4, 4) homogeneous matrix."""
         full = np.eye(4)
         full[:3, :3], full[:3, 3] = self.rotation, self.translation_m
@@ -112,28 +112,28 @@ class Pose:
             self.rotation @ other.translation_m + self.translation_m,
         )
 
-    def apply(self, points_m: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    def apply(self, points_m: Floats) -> F64:
         """Moves (N, 3) points in metres from the source frame to the target frame."""
         return np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation_m
 
 
-def rotation_z(yaw_rad: float) -> NDArray[np.float64]:
+def rotation_z(yaw_rad: float) -> F64:
     """(3, 3) rotation about +z."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def rotation_2d(yaw_rad: float) -> NDArray[np.float64]:
+def rotation_2d(yaw_rad: float) -> F64:
     """(2, 2) rotation of the plane."""
     return rotation_z(yaw_rad)[:2, :2]
 
 
-def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def wrap_angle(angle_rad: F64) -> F64:
     """Angles in [-pi, pi)."""
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi
 
 
-def _nearest_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+def _nearest_rotation(rotation: F64) -> F64:
     """Takes out the rounding that long chains of products collect (one Newton step)."""
-    step: NDArray[np.float64] = 0.5 * rotation @ (3.0 * np.eye(3) - rotation.T @ rotation)
+    step: F64 = 0.5 * rotation @ (3.0 * np.eye(3) - rotation.T @ rotation)
     return step

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.checks import as_array, require_all, require_finite
 from mottrack.core.errors import InputError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
@@ -39,9 +40,9 @@ class SceneResult:
     truth: TruthTable
     tracks: TrackTable
     flow: FlowSamples = field(default_factory=FlowSamples.empty)
-    hull_xy_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    hull_xy_m: F64 = field(default_factory=lambda: np.zeros((0, 2)))
     """(sum of tracks.hull_corners, 2) hull corners of all tracks, one after the other."""
-    timings_s: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    timings_s: dict[str, F64] = field(default_factory=dict)
     """Per stage (T,) seconds spent on each frame."""
     classes: tuple[str, ...] = ()
     """Labels that scores count; empty: every label that occurs."""
@@ -58,7 +59,7 @@ class SceneResult:
             require_all(f"{name}.frame", table.frame, there, f"one of {len(self.frames)} frames")
 
     @property
-    def hulls(self) -> list[NDArray[np.float64]]:
+    def hulls(self) -> list[F64]:
         """Per track row its (K, 2) hull corners; K is 0 where the box is meant."""
         ends = np.cumsum(self.tracks.hull_corners)
         return np.split(self.hull_xy_m, ends[:-1]) if len(ends) else []

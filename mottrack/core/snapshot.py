@@ -25,6 +25,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, I16, I64, Floats, Mask, Texts
 from mottrack.core.errors import ResultError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -51,12 +52,12 @@ class ObjectTable(Table):
     }
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
-    label: NDArray[np.str_]
-    centre_m: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
-    score: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
+    label: Texts
+    centre_m: F64
+    size_m: F64
+    yaw_rad: F64
+    score: F64
+    velocity_mps: F64
     """(D, 2) measured velocity over the ground; NaN where none was measured."""
 
     @classmethod
@@ -76,14 +77,14 @@ class Snapshot:
 
     frame: int
     """Row of the scene's FrameTable."""
-    xyz_m: NDArray[np.float32]
+    xyz_m: F32
     """(N, 3) points of the sweep, thinned; none where no part looked at sweeps."""
     grid: BevGrid
-    cells: NDArray[np.int64]
+    cells: I64
     """(K, 2) row and column of the occupied cells."""
-    velocity_mps: NDArray[np.float32]
+    velocity_mps: F32
     """(K, 2) their estimated velocity, ego axes."""
-    valid: NDArray[np.bool_]
+    valid: Mask
     """(K,) whether the source measured it."""
     objects: ObjectTable
     """What the tracker was given."""
@@ -92,7 +93,7 @@ class Snapshot:
     def of(
         cls,
         frame: int,
-        xyz_m: NDArray[np.float32],
+        xyz_m: F32,
         field: FlowField | None,
         objects: Objects | None,
     ) -> Snapshot:
@@ -114,9 +115,9 @@ class Snapshot:
         )
 
     @property
-    def xy_m(self) -> NDArray[np.float64]:
+    def xy_m(self) -> F64:
         """(K, 2) centres of the occupied cells in metres."""
-        centres: NDArray[np.float64] = self.grid.centres_m()[self.cells[:, 0], self.cells[:, 1]]
+        centres: F64 = self.grid.centres_m()[self.cells[:, 0], self.cells[:, 1]]
         return centres
 
 
@@ -177,8 +178,8 @@ def _snapshots(arrays: dict[str, NDArray[Any]]) -> list[Snapshot]:
     ]
 
 
-def _steps(values: NDArray[np.floating[Any]]) -> NDArray[np.int16]:
+def _steps(values: Floats) -> I16:
     """In whole steps; what does not fit in 16 bits (327 m, 327 m/s) is cut off there."""
     limit = np.iinfo(np.int16).max
-    steps: NDArray[np.int16] = np.clip(np.rint(values / STEP), -limit, limit).astype(np.int16)
+    steps: I16 = np.clip(np.rint(values / STEP), -limit, limit).astype(np.int16)
     return steps

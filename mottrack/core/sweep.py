@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, I16, I64
 from mottrack.core.checks import as_array, as_stamp, require_finite, require_instance
 from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
@@ -27,19 +28,19 @@ class Sweep:
             pose is no `Pose`.
     """
 
-    xyz_m: NDArray[np.float32]
+    xyz_m: F32
     """(N, 3) points in metres, ego frame."""
-    reflectance: NDArray[np.float32]
+    reflectance: F32
     """(N,) reflected intensity in [0, 1]."""
     stamp_ns: int
     """Time to which the points are motion-compensated."""
     world_T_ego: Pose
     """Where the vehicle stood at ``stamp_ns``."""
-    origin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    origin_m: F64 = field(default_factory=lambda: np.zeros(3))
     """(3,) optical centre of the sensor in the ego frame: where the rays start."""
-    time_offset_ns: NDArray[np.int64] | None = None
+    time_offset_ns: I64 | None = None
     """(N,) when each point was measured, relative to ``stamp_ns``; None where not recorded."""
-    ring: NDArray[np.int16] | None = None
+    ring: I16 | None = None
     """(N,) index of the beam; None where not recorded."""
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, I64, Mask, Texts
 from mottrack.core.checks import as_array, require_all, require_finite
 from mottrack.core.frame import Frame
 from mottrack.core.objects import Tracks
@@ -79,15 +80,15 @@ class FrameTable(Table):
         "annotated": (np.bool_, ()),
     }
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: I64
     """(T,) time of the frame."""
-    token: NDArray[np.str_]
+    token: Texts
     """(T,) the data set's own name of the frame."""
-    world_T_ego: NDArray[np.float64]
+    world_T_ego: F64
     """(T, 4, 4) pose of the vehicle."""
-    labelled_azimuth_rad: NDArray[np.float64]
+    labelled_azimuth_rad: F64
     """(T, 2) right and left azimuth, ego frame, between which objects are labelled."""
-    annotated: NDArray[np.bool_]
+    annotated: Mask
     """(T,) false where nobody labelled anything: there a track is neither right nor wrong."""
 
     def __post_init__(self) -> None:
@@ -113,9 +114,7 @@ class FrameTable(Table):
             np.array([f.truth is not None for f in frames], dtype=np.bool_),
         )
 
-    def labelled(
-        self, frame: NDArray[np.int64], centre_m: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
+    def labelled(self, frame: I64, centre_m: F64) -> Mask:
         """(N,) whether boxes lie where objects are labelled.
 
         Args:
@@ -127,7 +126,7 @@ class FrameTable(Table):
         x, y = np.einsum("nij,ni->jn", world_T_ego[:, :3, :2], from_ego)
         azimuth = np.arctan2(y, x)
         right, left = self.labelled_azimuth_rad[frame].T
-        inside: NDArray[np.bool_] = (azimuth >= right) & (azimuth <= left)
+        inside: Mask = (azimuth >= right) & (azimuth <= left)
         return inside & self.annotated[frame]
 
 
@@ -145,15 +144,15 @@ class TruthTable(Table):
     }
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
-    frame: NDArray[np.int64]
-    id: NDArray[np.int64]
-    label: NDArray[np.str_]
-    centre_m: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
-    num_points: NDArray[np.int64]
-    interpolated: NDArray[np.bool_]
+    frame: I64
+    id: I64
+    label: Texts
+    centre_m: F64
+    size_m: F64
+    yaw_rad: F64
+    velocity_mps: F64
+    num_points: I64
+    interpolated: Mask
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> TruthTable:
@@ -181,17 +180,17 @@ class TrackTable(Table):
         "hull_corners": (np.int64, ()),
     }
 
-    frame: NDArray[np.int64]
-    id: NDArray[np.int64]
-    label: NDArray[np.str_]
-    centre_m: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
-    velocity_covariance_m2ps2: NDArray[np.float64]
-    score: NDArray[np.float64]
-    observed: NDArray[np.bool_]
-    hull_corners: NDArray[np.int64]
+    frame: I64
+    id: I64
+    label: Texts
+    centre_m: F64
+    size_m: F64
+    yaw_rad: F64
+    velocity_mps: F64
+    velocity_covariance_m2ps2: F64
+    score: F64
+    observed: Mask
+    hull_corners: I64
     """(N,) corners of the convex hull in SceneResult.hull_xy_m, in order; 0: the box is meant."""
 
     @classmethod
@@ -229,19 +228,19 @@ class FlowSamples(Table):
         "observable": (np.bool_, ()),
     }
 
-    frame: NDArray[np.int64]
+    frame: I64
     """(K,) row of the FrameTable."""
-    xy_m: NDArray[np.float32]
+    xy_m: F32
     """(K, 2) centre of the cell, ego frame."""
-    estimate_mps: NDArray[np.float32]
+    estimate_mps: F32
     """(K, 2) the source's velocity, ego axes; 0 where it measured none."""
-    truth_mps: NDArray[np.float32]
+    truth_mps: F32
     """(K, 2) true velocity, ego axes."""
-    dt_s: NDArray[np.float32]
+    dt_s: F32
     """(K,) time between the two sweeps, seconds: velocity times this is the flow in metres."""
-    valid: NDArray[np.bool_]
+    valid: Mask
     """(K,) whether the source measured the cell."""
-    dynamic: NDArray[np.bool_]
+    dynamic: Mask
     """(K,) whether the cell belongs to an object of a movable class that moves."""
-    observable: NDArray[np.bool_]
+    observable: Mask
     """(K,) whether the cell's object was hit in both sweeps (background: always)."""

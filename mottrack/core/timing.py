@@ -22,7 +22,7 @@ Listener = Callable[[str, float], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
-def part_of_stage(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def timed(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Marks a function as a part that is timed by name inside the stage that calls it."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -42,7 +42,7 @@ def part_of_stage(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 
 @contextmanager
-def heard_by(listener: Listener) -> Iterator[None]:
+def collect_timings(listener: Listener) -> Iterator[None]:
     """Within the block, ``listener`` is told what each part took."""
     token = _listener.set(listener)
     try:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Sweep, Truth
+from mottrack.core.arrays import I64
 from mottrack.lidar.in_boxes import points_in_boxes
 
 
-def counted_points(truth: Truth, sweep: Sweep | None) -> NDArray[np.int64]:
+def counted_points(truth: Truth, sweep: Sweep | None) -> I64:
     """Return (N,) returns in each box: as the labels say, else counted in the sweep.
 
     Where neither is known the count is 0.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, I64, Floats, Mask
 from mottrack.core.errors import DataError
 from mottrack.datasets.faults import MissingError, NonFiniteError, OutsideRootError, TruncatedError
 
@@ -75,7 +76,7 @@ def read_text(path: Path) -> str:
         raise DataError(path, "byte", error.start, "UTF-8 text") from error
 
 
-def read_floats(path: Path, columns: int) -> NDArray[np.float32]:
+def read_floats(path: Path, columns: int) -> F32:
     """Return a raw little-endian float32 file as (N, columns), every value finite.
 
     Raises:
@@ -92,21 +93,21 @@ def read_floats(path: Path, columns: int) -> NDArray[np.float32]:
     return values
 
 
-def check_finite(path: Path, values: NDArray[np.floating[Any]]) -> None:
+def check_finite(path: Path, values: Floats) -> None:
     """Raise `DataError` naming the first row of (N, C) `values` that is not finite."""
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if bad.size:
         raise NonFiniteError(path, f"point {bad[0]}", values[bad[0]].tolist(), "finite values")
 
 
-def check_range(path: Path, xyz_m: NDArray[np.floating[Any]]) -> None:
+def check_range(path: Path, xyz_m: Floats) -> None:
     """Raise `DataError` naming the first of (N, 3) points farther than a LiDAR can see."""
     bad = np.flatnonzero(np.abs(xyz_m).max(axis=1, initial=0.0) > MAX_RANGE_M)
     if bad.size:
         raise DataError(path, f"point {bad[0]}", xyz_m[bad[0]].tolist(), f"within {MAX_RANGE_M} m")
 
 
-def check_unit_interval(path: Path, reflectance: NDArray[np.floating[Any]]) -> None:
+def check_unit_interval(path: Path, reflectance: Floats) -> None:
     """Raise `DataError` naming the first reflectance outside [0, 1]."""
     bad = np.flatnonzero((reflectance < 0.0) | (reflectance > 1.0))
     if bad.size:
@@ -156,7 +157,7 @@ def read_table(
 
 
 def refuse_rows(
-    path: Path, table: dict[str, NDArray[Any]], wrong: NDArray[np.bool_], name: str, expected: str
+    path: Path, table: dict[str, NDArray[Any]], wrong: Mask, name: str, expected: str
 ) -> None:
     """Raise `DataError` naming line, column and value of the first row where `wrong` (N,)."""
     rows = np.flatnonzero(wrong)
@@ -192,7 +193,7 @@ def check_boxes(
     refuse_rows(path, table, turned, heading, "radians, at most two turns")
 
 
-def repeated_rows(keys: NDArray[np.int64]) -> NDArray[np.bool_]:
+def repeated_rows(keys: I64) -> Mask:
     """Return (N,) whether a row of (N, K) `keys` stands before already."""
     repeated = np.ones(len(keys), dtype=bool)
     repeated[np.unique(keys, axis=0, return_index=True)[1]] = False

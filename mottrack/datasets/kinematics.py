@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F64, I64
 
 MAX_GAP_S = 1.5
 """nuScenes' rule: no velocity over a one-sided gap longer than this, or twice this centred."""
 
 
 def centred_velocities(
-    track_id: NDArray[np.int64],
-    stamp_ns: NDArray[np.int64],
-    position_m: NDArray[np.float64],
+    track_id: I64,
+    stamp_ns: I64,
+    position_m: F64,
     *,
     max_gap_s: float = MAX_GAP_S,
-) -> NDArray[np.float64]:
+) -> F64:
     """Return (N, 2) ground velocities in m/s of N labelled boxes given in the world frame.
 
     Between two neighbours of the same track the difference is centred, at a track's ends it is

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import DataError, Pose
+from mottrack.core.arrays import F64
 from mottrack.datasets.faults import NonFiniteError, NotRigidError
 
 MAX_DEFECT = 1e-3
@@ -16,7 +16,7 @@ MAX_PLACE_M = 1e8
 """The Earth's own coordinates stay below 1e7 m; a place beyond this is a damaged file."""
 
 
-def rigid_pose(matrix: NDArray[np.float64], file: Path, field: str) -> Pose:
+def rigid_pose(matrix: F64, file: Path, field: str) -> Pose:
     """Return the pose of a (3, 4) or (4, 4) matrix with its rotation made exactly orthonormal.
 
     Raises:
@@ -35,9 +35,7 @@ def rigid_pose(matrix: NDArray[np.float64], file: Path, field: str) -> Pose:
     return Pose(left @ right, translation.copy())
 
 
-def quaternion_pose(
-    wxyz: NDArray[np.float64], translation_m: NDArray[np.float64], file: Path, field: str
-) -> Pose:
+def quaternion_pose(wxyz: F64, translation_m: F64, file: Path, field: str) -> Pose:
     """Return the pose of a quaternion (w, x, y, z) that is a unit one but for rounding.
 
     Raises:
@@ -57,22 +55,22 @@ def quaternion_pose(
     return Pose.from_quaternion_wxyz(wxyz / length, translation_m)
 
 
-def check_place(xyz_m: NDArray[np.float64], file: Path, field: str) -> None:
+def check_place(xyz_m: F64, file: Path, field: str) -> None:
     """Raise `DataError` for a place (3,) that is nowhere near the Earth."""
     if np.abs(xyz_m).max() > MAX_PLACE_M:
         raise DataError(file, field, f"at {xyz_m.tolist()} m", f"within {MAX_PLACE_M:g} m")
 
 
-def quaternion_length(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+def quaternion_length(wxyz: F64) -> F64:
     """Return the length of (..., 4) quaternions, exact up to 10.
 
     A damaged number may be so large that its square overflows.
     """
-    length: NDArray[np.float64] = np.linalg.norm(np.clip(wxyz, -10.0, 10.0), axis=-1)
+    length: F64 = np.linalg.norm(np.clip(wxyz, -10.0, 10.0), axis=-1)
     return length
 
 
-def quaternion_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+def quaternion_wxyz(rotation: F64) -> F64:
     """Return the unit quaternion (w, x, y, z), w >= 0, of a (3, 3) rotation.
 
     The eigenvector of largest eigenvalue of the symmetric matrix of Bar-Itzhack, "New method for
@@ -84,11 +82,11 @@ def quaternion_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     matrix = np.empty((4, 4))
     matrix[0, 0], matrix[0, 1:], matrix[1:, 0] = trace, vector, vector
     matrix[1:, 1:] = r + r.T - trace * np.eye(3)
-    quaternion: NDArray[np.float64] = np.linalg.eigh(matrix)[1][:, -1]
+    quaternion: F64 = np.linalg.eigh(matrix)[1][:, -1]
     return -quaternion if quaternion[0] < 0.0 else quaternion
 
 
-def yaw_quaternions(yaw_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def yaw_quaternions(yaw_rad: F64) -> F64:
     """Return (N, 4) quaternions (w, x, y, z) of turns about +z."""
     zero = np.zeros_like(yaw_rad)
     return np.column_stack([np.cos(yaw_rad / 2), zero, zero, np.sin(yaw_rad / 2)])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import Objects, Pose, Truth, TruthTable, VelocityMeasurement
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.pose import wrap_angle
 
 
@@ -24,13 +25,13 @@ class DetectionTable:
     velocity_mps: (N, 2) the detector's own velocity, or None.
     """
 
-    frame: NDArray[np.int64]
-    label: NDArray[np.str_]
-    score: NDArray[np.float64]
-    centre_m: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64] | None = None
+    frame: I64
+    label: Texts
+    score: F64
+    centre_m: F64
+    size_m: F64
+    yaw_rad: F64
+    velocity_mps: F64 | None = None
 
     def objects(self, frame: int, stamp_ns: int) -> Objects:
         """Return the detections of one frame."""
@@ -46,7 +47,7 @@ class DetectionTable:
             velocity=self._velocity(rows),
         )
 
-    def _velocity(self, rows: NDArray[np.int64]) -> VelocityMeasurement | None:
+    def _velocity(self, rows: I64) -> VelocityMeasurement | None:
         return None if self.velocity_mps is None else detector_velocity(self.velocity_mps[rows])
 
     def without_velocity(self) -> DetectionTable:
@@ -75,7 +76,7 @@ DETECTOR_VELOCITY_STD_MPS = 1.0
 """Files of detections carry no uncertainty; a tracker that wants another value sets its own."""
 
 
-def detector_velocity(velocity_mps: NDArray[np.float64]) -> VelocityMeasurement:
+def detector_velocity(velocity_mps: F64) -> VelocityMeasurement:
     """Return a detector's (N, 2) velocities as measurements; NaN is absent."""
     valid = np.asarray(np.isfinite(velocity_mps).all(axis=1))
     variance = DETECTOR_VELOCITY_STD_MPS**2
@@ -93,11 +94,11 @@ def truth_of(table: TruthTable, frame: int, stamp_ns: int) -> Truth:
 
 
 def to_world(
-    centre_m: NDArray[np.float64],
-    yaw_rad: NDArray[np.float64],
-    pose_of_box: NDArray[np.int64],
+    centre_m: F64,
+    yaw_rad: F64,
+    pose_of_box: I64,
     poses: list[Pose],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[F64, F64]:
     """Return centres (N, 3) and headings (N,) in the world of boxes given in ego frames.
 
     Args:

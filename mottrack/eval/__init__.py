@@ -12,7 +12,7 @@ METRICS: dict[str, str] = {
     "hota": "mottrack.eval.hota:hota_counts",
     "nuscenes": "mottrack.eval.nuscenes.summary:evaluate",
     "bootstrap": "mottrack.eval.nuscenes.bootstrap:intervals",
-    "anatomy": "mottrack.eval.nuscenes.anatomy_report:dissect",
+    "anatomy": "mottrack.eval.nuscenes.anatomy_report:classify_errors",
     "kitti": "mottrack.eval.kitti.levels:evaluate",
     "mot": "mottrack.eval.mot.evaluation:score_boxes",
 }

@@ -9,10 +9,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mottrack.eval.pairs import F64, I64, Pairs
+from mottrack.core.arrays import F64, I64, Mask
+from mottrack.eval.pairs import Pairs
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
 
@@ -23,7 +23,7 @@ class Association:
 
     track_row: I64
     """(G,) row of the matched track box, -1 for a miss."""
-    switched: NDArray[np.bool_]
+    switched: Mask
     """(G,) whether the match is with another identity than the object's last one."""
     distance: F64
     """(G,) distance of the match, NaN for a miss."""
@@ -132,7 +132,7 @@ def clear_counts(pairs: Pairs, association: Association) -> ClearCounts:
     )
 
 
-def _fragmentations(object_of: I64, hit: NDArray[np.bool_]) -> int:
+def _fragmentations(object_of: I64, hit: Mask) -> int:
     """Times that an object is lost and found again: changes from a miss to a hit, but the first."""
     order = np.argsort(object_of, kind="stable")
     objects, found = object_of[order], hit[order]

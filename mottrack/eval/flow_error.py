@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import FlowSamples
+from mottrack.core.arrays import F64, Mask
 
-F64 = NDArray[np.float64]
 SPEED_EDGES_MPS = (0.0, 0.2, 1.0, 3.0, 8.0, np.inf)
 RANGE_EDGES_M = (0.0, 10.0, 20.0, 30.0, 50.0, np.inf)
 
@@ -82,9 +81,7 @@ def flow_table(parts: Iterable[FlowSamples]) -> dict[str, FlowError]:
     return {name: flow_error(samples.select(mask)) for name, mask in masks.items()}
 
 
-def _buckets(
-    name: str, unit: str, value: F64, edges: tuple[float, ...]
-) -> dict[str, NDArray[np.bool_]]:
+def _buckets(name: str, unit: str, value: F64, edges: tuple[float, ...]) -> dict[str, Mask]:
     return {
         f"{name} [{low:g}, {high:g}) {unit}": (value >= low) & (value < high)
         for low, high in pairwise(edges)

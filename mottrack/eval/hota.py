@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mottrack.eval.pairs import F64, I64, Pairs
+from mottrack.core.arrays import F64, I64
+from mottrack.eval.pairs import Pairs
 
 ALPHAS: F64 = np.arange(0.05, 0.99, 0.05)
 _SLACK = float(np.finfo(np.float64).eps)
@@ -81,9 +81,7 @@ def _alignment(pairs: Pairs, truth_id: I64, track_id: I64) -> F64:
     return potential / whole
 
 
-def _match(
-    pairs: Pairs, alignment: F64, truth_id: I64, track_id: I64
-) -> tuple[NDArray[np.int64], F64]:
+def _match(pairs: Pairs, alignment: F64, truth_id: I64, track_id: I64) -> tuple[I64, F64]:
     """Matched identities (M, 2) and similarity (M,), the same for every alpha."""
     matched, kept = [np.zeros((0, 2), np.int64)], [np.zeros(0)]
     for rows, columns, span in pairs.by_frame():

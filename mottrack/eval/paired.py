@@ -1,8 +1,9 @@
-"""Is one run better than another, or is it the choice of scenes? Paired differences with intervals.
+"""Paired differences between runs on the same scenes, with confidence intervals.
 
-Scenes are drawn with replacement, the same ones for every run, and every figure is evaluated again
+Scenes are drawn with replacement, the same ones for every run, and every metric is evaluated again
 on each resample: exactly, since a scene enters as counters that add up (`Ratio`, `Variance`), as
-its sorted errors (`Worst`), or as the profile of the official metrics (eval/nuscenes/profile.py).
+its sorted errors (`TailMean`), or as the profile of the official metrics
+(eval/nuscenes/profile.py).
 
 An interval is difference +- t * sqrt(n / (n - 1)) * s with s the standard deviation over the
 resamples and t the 97.5 % quantile of Student's distribution with n - 1 degrees of freedom, n the
@@ -18,12 +19,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from mottrack.core.arrays import F64, I64, Mask
 
 RESAMPLES = 400
 CONFIDENCE = 0.95
@@ -32,7 +30,7 @@ ALIKE = 1e-12  # a spread below this share of the figure is the rounding of sums
 
 
 @dataclass(frozen=True, slots=True)
-class FigureKey:
+class MetricKey:
     """Names one figure of a run."""
 
     table: str
@@ -44,7 +42,7 @@ class FigureKey:
     lower_is_better: bool = field(default=True, compare=False)
 
 
-class Figure(Protocol):
+class Metric(Protocol):
     """A figure of a run as a function of how often each of its S scenes counts."""
 
     @property
@@ -117,7 +115,7 @@ class Variance:
 
 
 @dataclass(frozen=True, slots=True)
-class Worst:
+class TailMean:
     """Mean of the largest 5 % of the errors (at least one), as velocity_error.error_row has it."""
 
     error: F64
@@ -127,7 +125,7 @@ class Worst:
     scenes: int
 
     @classmethod
-    def of(cls, parts: list[F64]) -> Worst:
+    def of(cls, parts: list[F64]) -> TailMean:
         """From the errors of each scene."""
         error = np.concatenate(parts) if parts else np.zeros(0)
         scene = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
@@ -165,10 +163,10 @@ class Sampled:
 
 
 @dataclass(frozen=True, slots=True)
-class Paired:
+class PairedDifference:
     """A run's figure beside the baseline's on the same scenes."""
 
-    key: FigureKey
+    key: MetricKey
     baseline: float
     value: float
     low: float
@@ -183,19 +181,19 @@ class Paired:
         return self.value - self.baseline
 
     @property
-    def real(self) -> bool:
+    def significant(self) -> bool:
         """Whether the interval excludes zero."""
         return bool(self.low > 0.0 or self.high < 0.0)
 
     @property
     def better(self) -> bool | None:
         """Whether the run is better than the baseline; None where that is not known."""
-        if not self.real:
+        if not self.significant:
             return None
         return (self.difference < 0.0) == self.key.lower_is_better
 
 
-def sample(figure: Figure, weights: I64) -> Sampled:
+def sample(figure: Metric, weights: I64) -> Sampled:
     """Evaluates a figure on the whole and on resamples.
 
     Args:
@@ -206,16 +204,16 @@ def sample(figure: Figure, weights: I64) -> Sampled:
     return Sampled(float(figure.values(once)[0]), figure.values(weights), figure.present)
 
 
-def paired(key: FigureKey, baseline: Sampled, run: Sampled) -> Paired:
+def paired(key: MetricKey, baseline: Sampled, run: Sampled) -> PairedDifference:
     """The difference of two runs' figures, both sampled with the same weights."""
     scenes = int(np.count_nonzero(baseline.present | run.present))
     low, high = t_interval(run.value - baseline.value, run.draws - baseline.draws, scenes)
-    return Paired(key, baseline.value, run.value, low, high, scenes)
+    return PairedDifference(key, baseline.value, run.value, low, high, scenes)
 
 
 def paired_all(
-    baseline: Mapping[FigureKey, Sampled], run: Mapping[FigureKey, Sampled]
-) -> tuple[Paired, ...]:
+    baseline: Mapping[MetricKey, Sampled], run: Mapping[MetricKey, Sampled]
+) -> tuple[PairedDifference, ...]:
     """The differences of every figure for which both runs have data."""
     pairs = (paired(key, side, run[key]) for key, side in baseline.items() if key in run)
     return tuple(pair for pair in pairs if pair.scenes and pair.difference == pair.difference)

@@ -4,16 +4,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class BoxStream:
     """Boxes of one side (truth or tracks) of a sequence, in order of their frame."""
 
     frame: I64
@@ -43,8 +40,8 @@ class Side:
 class Pairs:
     """The pairs of one sequence that are near enough to matter."""
 
-    truth: Side
-    tracks: Side
+    truth: BoxStream
+    tracks: BoxStream
     frames: int
     """Number of frames of the sequence."""
     truth_row: I64
@@ -81,8 +78,8 @@ class Pairs:
 
 
 def find_pairs(
-    truth: Side,
-    tracks: Side,
+    truth: BoxStream,
+    tracks: BoxStream,
     frames: int,
     measure: Callable[[slice, slice], tuple[F64, F64]],
 ) -> Pairs:

@@ -8,37 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from mottrack.core import InputError, SceneResult
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.tables import FlowSamples
 from mottrack.eval.flow_error import angular_error
 from mottrack.eval.nuscenes.bootstrap import draw, evaluate_weighted, profiles
 from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
 from mottrack.eval.nuscenes.profile import Profile
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.paired import (
-    F64,
-    I64,
-    RESAMPLES,
-    Figure,
-    FigureKey,
-    Mask,
-    Ratio,
-    Sampled,
-    Sum,
-    Worst,
-    sample,
-)
-from mottrack.eval.scores import Cut, ScoreConfig, counted_labels, scene_scores
+from mottrack.eval.paired import RESAMPLES, Metric, MetricKey, Ratio, Sampled, Sum, TailMean, sample
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, counted_labels, scene_scores
 from mottrack.eval.velocity_error import category_masks, velocity_samples
 
 ALL = "all"
 OFFICIAL = (
-    FigureKey("tracking", ALL, "AMOTA", lower_is_better=False),
-    FigureKey("tracking", ALL, "AMOTP", "m"),
-    FigureKey("tracking", ALL, "MOTA", lower_is_better=False),
-    FigureKey("tracking", ALL, "MOTP", "m"),
-    FigureKey("tracking", ALL, "IDS"),
+    MetricKey("tracking", ALL, "AMOTA", lower_is_better=False),
+    MetricKey("tracking", ALL, "AMOTP", "m"),
+    MetricKey("tracking", ALL, "MOTA", lower_is_better=False),
+    MetricKey("tracking", ALL, "MOTP", "m"),
+    MetricKey("tracking", ALL, "IDS"),
 )
-Figures = dict[FigureKey, Sampled]
+Figures = dict[MetricKey, Sampled]
 
 
 @dataclass(frozen=True)
@@ -105,8 +94,8 @@ def _official(classes: Sequence[Profile], common: Resampling) -> Figures:
 
 def _pooled(
     results: Sequence[SceneResult], config: ScoreConfig
-) -> Iterator[tuple[FigureKey, Figure]]:
-    counts = [scene_scores(result, Cut(""), config).clear for result in results]
+) -> Iterator[tuple[MetricKey, Metric]]:
+    counts = [scene_scores(result, ScoreFilter(""), config).clear for result in results]
     truth, switches = _column(c.truth for c in counts), _column(c.switches for c in counts)
     errors = _column(c.misses + c.false_positives + c.switches for c in counts)
     distance = _column(c.distance for c in counts)
@@ -118,7 +107,7 @@ def _pooled(
 
 def _velocity(
     results: Sequence[SceneResult], config: ScoreConfig
-) -> Iterator[tuple[FigureKey, Figure]]:
+) -> Iterator[tuple[MetricKey, Metric]]:
     samples = [velocity_samples(result, config.velocity) for result in results]
     declared = {name for result in results for name in result.classes}
     masks = [category_masks(part, config.velocity, declared) for part in samples]
@@ -130,11 +119,11 @@ def _velocity(
         ]
         if any(len(part) for part in errors):
             mean = Ratio(_column(e.sum() for e in errors), _column(len(e) for e in errors))
-            yield FigureKey("velocity", row, "mean", "m/s"), mean
-            yield FigureKey("velocity", row, "worst 5 %", "m/s"), Worst.of(errors)
+            yield MetricKey("velocity", row, "mean", "m/s"), mean
+            yield MetricKey("velocity", row, "worst 5 %", "m/s"), TailMean.of(errors)
 
 
-def _flow(results: Sequence[SceneResult]) -> Iterator[tuple[FigureKey, Figure]]:
+def _flow(results: Sequence[SceneResult]) -> Iterator[tuple[MetricKey, Metric]]:
     if not any(len(result.flow) for result in results):
         return
     for row in ("dynamic", "static", ALL):
@@ -145,9 +134,9 @@ def _flow(results: Sequence[SceneResult]) -> Iterator[tuple[FigureKey, Figure]]:
         shifts = [e * part.dt_s for e, part in zip(errors, chosen, strict=True)]
         squared_m = _column((s**2).sum() for s in shifts)
         angle = _column(angular_error(part).sum() for part in chosen)
-        yield FigureKey("flow", row, "RMSE", "m/s"), Ratio(squared_mps, cells, root=True)
-        yield FigureKey("flow", row, "RMSE of the flow", "m"), Ratio(squared_m, cells, root=True)
-        yield FigureKey("flow", row, "AAE", "rad"), Ratio(angle, cells)
+        yield MetricKey("flow", row, "RMSE", "m/s"), Ratio(squared_mps, cells, root=True)
+        yield MetricKey("flow", row, "RMSE of the flow", "m"), Ratio(squared_m, cells, root=True)
+        yield MetricKey("flow", row, "AAE", "rad"), Ratio(angle, cells)
 
 
 def _cells(flow: FlowSamples, row: str) -> Mask:

@@ -10,17 +10,17 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core import InputError, SceneResult
+from mottrack.core.arrays import F64, Mask
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
 from mottrack.eval.nuscenes.from_results import result_metrics, rules_for
 from mottrack.eval.nuscenes.levels import Curves
-from mottrack.eval.pairs import F64, Pairs, Side, centre_distance, find_pairs, overlap
+from mottrack.eval.pairs import BoxStream, Pairs, centre_distance, find_pairs, overlap
 from mottrack.eval.velocity_error import (
     ErrorRow,
     VelocityErrorConfig,
@@ -119,7 +119,7 @@ class Scores:
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
+class ScoreFilter:
     """Which boxes of one class count."""
 
     label: str
@@ -139,17 +139,17 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
     config = config or ScoreConfig()
     results = [result.where_labelled() for result in results]
     labels = counted_labels(results)
-    told_apart = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
-    if config.class_agnostic or not told_apart:
-        return _scores(results, _class_scores(results, Cut(""), config), {}, config)
+    class_aware = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
+    if config.class_agnostic or not class_aware:
+        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config)
     rules = rules_for(labels)
     try:
         figures = result_metrics(results, rules)
     except InputError:  # nothing in range on one side: counts are all there is to say
-        return _scores(results, _class_scores(results, Cut(""), config), {}, config)
+        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config)
     classes = {}
     for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
-        cut = Cut(label, best_threshold(figures.curves[label], config), range_m)
+        cut = ScoreFilter(label, best_threshold(figures.curves[label], config), range_m)
         counted = _class_scores(results, cut, config)
         official = figures.classes[label]
         classes[label] = replace(counted, amota=official["amota"], amotp_m=official["amotp"])
@@ -192,11 +192,13 @@ def best_threshold(curves: Curves, config: ScoreConfig) -> float:
     return float(curves["confidence"][int(np.nanargmax(reached))])
 
 
-def _class_scores(results: Iterable[SceneResult], cut: Cut, config: ScoreConfig) -> ClassScores:
+def _class_scores(
+    results: Iterable[SceneResult], cut: ScoreFilter, config: ScoreConfig
+) -> ClassScores:
     return _together(scene_scores(result, cut, config) for result in results)
 
 
-def scene_pairs(result: SceneResult, cut: Cut, config: ScoreConfig) -> Pairs:
+def scene_pairs(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> Pairs:
     """Candidate pairs of a scene for one class; every class where the label is empty."""
     truth = _rows(result.truth.select(_seen(result.truth)), cut.label)
     tracks = _rows(result.tracks, cut.label)
@@ -204,8 +206,8 @@ def scene_pairs(result: SceneResult, cut: Cut, config: ScoreConfig) -> Pairs:
     tracks = tracks.select(_near(result, tracks, cut.range_m))
     tracks = tracks.select(_track_means(tracks) >= cut.threshold - ROUNDING)
     return find_pairs(
-        Side(truth.frame, truth.id),
-        Side(tracks.frame, tracks.id),
+        BoxStream(truth.frame, truth.id),
+        BoxStream(tracks.frame, tracks.id),
         len(result.frames),
         _measure(truth, tracks, config),
     )
@@ -220,13 +222,13 @@ def _measure(
     return overlap(iou_3d, boxes[0], boxes[1])
 
 
-def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -> NDArray[np.bool_]:
+def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -> Mask:
     ego_xy_m = result.frames.world_T_ego[table.frame, :2, 3]
-    near: NDArray[np.bool_] = np.hypot(*(table.centre_m[:, :2] - ego_xy_m).T) < range_m
+    near: Mask = np.hypot(*(table.centre_m[:, :2] - ego_xy_m).T) < range_m
     return near
 
 
-def _seen(truth: TruthTable) -> NDArray[np.bool_]:
+def _seen(truth: TruthTable) -> Mask:
     """(M,) rows from the first to the last frame in which the object has a return."""
     objects, index = np.unique(truth.id, return_inverse=True)
     hit = truth.num_points != 0
@@ -234,15 +236,15 @@ def _seen(truth: TruthTable) -> NDArray[np.bool_]:
     last = np.full(len(objects), -1)
     np.minimum.at(first, index[hit], truth.frame[hit])
     np.maximum.at(last, index[hit], truth.frame[hit])
-    seen: NDArray[np.bool_] = (truth.frame >= first[index]) & (truth.frame <= last[index])
+    seen: Mask = (truth.frame >= first[index]) & (truth.frame <= last[index])
     return seen
 
 
-def _track_means(tracks: TrackTable) -> NDArray[np.float64]:
+def _track_means(tracks: TrackTable) -> F64:
     """(N,) mean score of the track that each row belongs to."""
     _, index = np.unique(tracks.id, return_inverse=True)
     rows = np.maximum(np.bincount(index), 1)
-    means: NDArray[np.float64] = (np.bincount(index, weights=tracks.score) / rows)[index]
+    means: F64 = (np.bincount(index, weights=tracks.score) / rows)[index]
     return means
 
 
@@ -252,7 +254,7 @@ def _rows(table: BoxTable, label: str) -> BoxTable:
     return table.select(rows[np.argsort(table.frame[rows], kind="stable")])
 
 
-def scene_scores(result: SceneResult, cut: Cut, config: ScoreConfig) -> ClassScores:
+def scene_scores(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> ClassScores:
     """Figures of one scene and class; counts add up over scenes."""
     pairs = scene_pairs(result, cut, config)
     near = pairs.within(config.gate)

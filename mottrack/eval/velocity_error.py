@@ -31,13 +31,12 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core import SceneResult
+from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.tables import TruthTable
-from mottrack.eval.pairs import F64, I64
 from mottrack.geometry.iou import bev_corners, boxes7
 from mottrack.geometry.polygon import intersection_area, polygon_area
 
@@ -100,7 +99,7 @@ class VelocitySamples:
     """(N,) |v_track - v_true|."""
     true_speed_mps: F64
     """(N,) 0 for a track without an object."""
-    label: NDArray[np.str_]
+    label: Texts
     """(N,) class of the object, "" for a track without one."""
 
     @classmethod
@@ -202,7 +201,7 @@ def velocity_table(
 
 def category_masks(
     samples: VelocitySamples, config: VelocityErrorConfig, classes: Collection[str] = ()
-) -> dict[str, NDArray[np.bool_]]:
+) -> dict[str, Mask]:
     """Row of the table to the samples (N,) that belong to it."""
     speed, label = samples.true_speed_mps, samples.label
     has = label != ""

@@ -17,7 +17,7 @@ from mottrack.experiment.configs import find_config, find_group
 from mottrack.experiment.overrides import GROUPS, Choice, expand, parse_override, set_key
 from mottrack.experiment.plugins import Part, load_part
 from mottrack.experiment.settings import Settings
-from mottrack.experiment.validation_message import explain
+from mottrack.experiment.validation_message import format_validation_error
 from mottrack.experiment.yaml_file import read_yaml
 
 
@@ -127,7 +127,7 @@ def _compose_one(
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
     except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, _WholeFile)}") from error
+        raise ConfigError(f"{path}: {format_validation_error(error, _WholeFile)}") from error
     return Experiment(**parts, settings=settings, variant=variant, sources=tuple(sources))
 
 

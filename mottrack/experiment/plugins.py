@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError, unknown_name
 from mottrack.datasets import DATASETS
-from mottrack.experiment.validation_message import explain
+from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow import FLOWS
 from mottrack.objects import OBJECTS
 from mottrack.trackers import TRACKERS
@@ -89,7 +89,7 @@ def load_part(group: str, settings: Mapping[str, Any]) -> Part:
     try:
         return Part(kind, cls, model.model_validate(parameters))
     except ValidationError as error:
-        raise ConfigError(explain(error, model, prefix=group)) from error
+        raise ConfigError(format_validation_error(error, model, prefix=group)) from error
 
 
 def _find_class(group: str, kind: str) -> type[Any]:

@@ -10,7 +10,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 
-def explain(error: ValidationError, model: type[BaseModel], *, prefix: str = "") -> str:
+def format_validation_error(
+    error: ValidationError, model: type[BaseModel], *, prefix: str = ""
+) -> str:
     """All problems, each with the key, the value and what was expected."""
     return "; ".join(_explain_one(item, model, prefix) for item in error.errors())
 

@@ -12,15 +12,15 @@ from __future__ import annotations
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core.faults import REGISTRATION_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
+from mottrack.core.velocity_errors import REGISTRATION_ERRORS
 from mottrack.flow.registration.component_field import component_field
 from mottrack.flow.registration.components import connected_cells
 from mottrack.flow.registration.fragments import follow_neighbours
 from mottrack.flow.registration.matcher import Labels, MatchConfig, Matcher
-from mottrack.flow.registration.motion_test import Judged, VerdictConfig, is_moving
+from mottrack.flow.registration.motion_test import MotionDecision, MotionTestConfig, is_moving
 from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
 
 
@@ -31,7 +31,7 @@ class ClusterIcpConfig(StrictModel):
         default_factory=lambda: StagesConfig(visibility=VisibilityStage(enabled=False))
     )
     match: MatchConfig = Field(default_factory=MatchConfig)
-    verdict: VerdictConfig = Field(default_factory=VerdictConfig)
+    verdict: MotionTestConfig = Field(default_factory=MotionTestConfig)
     far_m: float = Field(25.0, ge=0, description="beyond, cells are linked across an empty one")
 
 
@@ -39,7 +39,7 @@ class ClusterIcpFlow:
     """Velocity of each connected component by registration from many starts."""
 
     Config = ClusterIcpConfig
-    faults = REGISTRATION_FAULTS
+    error_model = REGISTRATION_ERRORS
 
     def __init__(
         self, config: ClusterIcpConfig | None = None, *, grid: BevGrid | None = None
@@ -65,6 +65,6 @@ class ClusterIcpFlow:
         matcher = Matcher(prepared, self.config.match)
         labels = Labels(*connected_cells(matcher.points_m, matcher.raster, self.config.far_m))
         matches = matcher.match(labels)
-        judged = Judged(labels, matches, is_moving(matches, self.config.verdict))
+        judged = MotionDecision(labels, matches, is_moving(matches, self.config.verdict))
         judged = follow_neighbours(matcher, judged, self.config.verdict)
         return component_field(self.grid, prepared, matcher, judged)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core.faults import SOUND
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
@@ -42,7 +42,7 @@ class GroundTruthFlow:
     """
 
     Config = GroundTruthConfig
-    faults = SOUND
+    error_model = NO_OUTLIERS
 
     def __init__(
         self, config: GroundTruthConfig | None = None, *, grid: BevGrid | None = None
@@ -78,9 +78,7 @@ class GroundTruthFlow:
         cells = self._cells(truth.transformed(ego_T_world, "ego"), kept)
         return self._field(cells, occupied, (_turned(velocity_mps, ego_T_world), known), current)
 
-    def _velocities(
-        self, truth: Truth, previous_ns: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    def _velocities(self, truth: Truth, previous_ns: int) -> tuple[F64, Mask]:
         """World velocity (N, 2) since the truth at or before `previous_ns`, and if it is known."""
         velocity_mps = np.zeros((len(truth), 2))
         known = np.zeros(len(truth), dtype=np.bool_)
@@ -97,7 +95,7 @@ class GroundTruthFlow:
         velocity_mps[slow] = 0.0
         return velocity_mps, known
 
-    def _cells(self, truth: Truth, kept: Sweep) -> NDArray[np.int64]:
+    def _cells(self, truth: Truth, kept: Sweep) -> I64:
         """(H, W) the object that each cell belongs to, -1 for none; boxes in the ego frame."""
         inside = points_in_boxes(
             kept.xyz_m, truth.centre_m, truth.size_m, truth.yaw_rad, self.config.margin_m
@@ -111,9 +109,9 @@ class GroundTruthFlow:
 
     def _field(
         self,
-        object_of: NDArray[np.int64],
-        occupied: NDArray[np.bool_],
-        velocities: tuple[NDArray[np.float64], NDArray[np.bool_]],
+        object_of: I64,
+        occupied: Mask,
+        velocities: tuple[F64, Mask],
         current: Sweep,
     ) -> FlowField:
         velocity_mps, known = velocities
@@ -135,6 +133,6 @@ class GroundTruthFlow:
         )
 
 
-def _turned(velocity_mps: NDArray[np.float64], b_T_a: Pose) -> NDArray[np.float64]:
-    turned: NDArray[np.float64] = velocity_mps @ rotation_2d(b_T_a.yaw_rad).T
+def _turned(velocity_mps: F64, b_T_a: Pose) -> F64:
+    turned: F64 = velocity_mps @ rotation_2d(b_T_a.yaw_rad).T
     return turned

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 
 import numpy as np
 import small_gicp
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core.faults import REGISTRATION_FAULTS
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Boxes
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.velocity_errors import REGISTRATION_ERRORS
 from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
@@ -68,8 +68,8 @@ class _Pair:
 class _Memory:
     """Objects of the step before, in the world: where they were and how they moved."""
 
-    centre_m: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
+    centre_m: F64
+    velocity_mps: F64
     stamp_ns: int
 
 
@@ -77,7 +77,7 @@ class IcpFlow:
     """Velocity of each box's points by registration to the previous, ego-aligned sweep."""
 
     Config = IcpConfig
-    faults = REGISTRATION_FAULTS
+    error_model = REGISTRATION_ERRORS
 
     def __init__(self, config: IcpConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or IcpConfig()
@@ -127,12 +127,10 @@ class IcpFlow:
         score = getattr(boxes, "score", None)
         return boxes if score is None else boxes.select(score >= self.config.min_score)
 
-    def _thinned(self, cluster_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _thinned(self, cluster_m: F32) -> F32:
         return np.array(cluster_m[:: max(len(cluster_m) // self.config.max_points, 1)])
 
-    def _register(
-        self, cluster_m: NDArray[np.float32], box: Boxes, pair: _Pair, current: Sweep
-    ) -> NDArray[np.float64]:
+    def _register(self, cluster_m: F32, box: Boxes, pair: _Pair, current: Sweep) -> F64:
         """Planar shift (2,) of a cluster to where it was; NaN where that cannot be told."""
         if len(cluster_m) < self.config.min_points:
             return _NOT_MEASURED
@@ -153,9 +151,7 @@ class IcpFlow:
                 best_m, best_residual_m = shift_m, residual_m
         return best_m
 
-    def _starts(
-        self, cluster_m: NDArray[np.float32], box: Boxes, pair: _Pair, current: Sweep
-    ) -> NDArray[np.float64]:
+    def _starts(self, cluster_m: F32, box: Boxes, pair: _Pair, current: Sweep) -> F64:
         """(K, 2) planar shifts to start from: rest, the last velocity, and the best of a spread."""
         rest = np.zeros((1, 2))
         if self.config.starts == 1:
@@ -166,7 +162,7 @@ class IcpFlow:
         remembered_m = -self._last_velocities(box, current) * pair.elapsed_s
         return np.vstack([rest, remembered_m, spread_m[best]])
 
-    def _last_velocities(self, box: Boxes, current: Sweep) -> NDArray[np.float64]:
+    def _last_velocities(self, box: Boxes, current: Sweep) -> F64:
         """(0 or 1, 2) ego-axes velocity of the remembered object that would be here by now."""
         memory = self._memory
         if memory is None or len(memory.centre_m) == 0:
@@ -180,9 +176,7 @@ class IcpFlow:
             return np.zeros((0, 2))
         return memory.velocity_mps[[nearest]] @ rotation_2d(current.world_T_ego.yaw_rad)
 
-    def _align(
-        self, cluster_m: NDArray[np.float32], start_m: NDArray[np.float64], pair: _Pair
-    ) -> NDArray[np.float64]:
+    def _align(self, cluster_m: F32, start_m: F64, pair: _Pair) -> F64:
         """Planar shift (2,) of the cluster's centroid under small-gicp's point-to-point ICP."""
         centre_m = cluster_m.mean(axis=0, dtype=np.float64)
         initial = np.eye(4)
@@ -196,10 +190,10 @@ class IcpFlow:
             registration_type="ICP",
             max_correspondence_distance=2 * self.config.gate_m,
         )
-        shift_m: NDArray[np.float64] = (result.T_target_source[:3, 3] - centre_m)[:2]
+        shift_m: F64 = (result.T_target_source[:3, 3] - centre_m)[:2]
         return shift_m
 
-    def _remember(self, boxes: Boxes, velocity_mps: NDArray[np.float64], current: Sweep) -> None:
+    def _remember(self, boxes: Boxes, velocity_mps: F64, current: Sweep) -> None:
         """Keeps the measured objects, in the world, for the starts of the next pair."""
         known = np.isfinite(velocity_mps).all(axis=1)
         world_T_ego = current.world_T_ego
@@ -212,8 +206,8 @@ class IcpFlow:
     def _field(
         self,
         kept: Sweep,
-        box_of: NDArray[np.int64],
-        velocity_mps: NDArray[np.float64],
+        box_of: I64,
+        velocity_mps: F64,
         elapsed_s: float,
     ) -> FlowField:
         rows, cols, in_grid = self.grid.cells(kept.xyz_m)
@@ -239,7 +233,7 @@ class IcpFlow:
         )
 
 
-def _prepared(previous_m: NDArray[np.float32], elapsed_s: float, gate_m: float) -> _Pair:
+def _prepared(previous_m: F32, elapsed_s: float, gate_m: float) -> _Pair:
     target = small_gicp.PointCloud(previous_m.astype(np.float64))
     # starts are compared on thinned points, the same for all; ICP itself has every point
     thinned_m = previous_m[first_in_voxel(previous_m, _VOXEL_M)]
@@ -248,7 +242,7 @@ def _prepared(previous_m: NDArray[np.float32], elapsed_s: float, gate_m: float) 
     return _Pair(target, small_gicp.KdTree(target), grid, elapsed_s)
 
 
-def _spread(yaw_rad: float, reach_m: float) -> NDArray[np.float64]:
+def _spread(yaw_rad: float, reach_m: float) -> F64:
     """(K, 2) shifts along and a little across the heading, 0.4 m apart: within ICP's reach."""
     along_m = np.arange(-np.floor(reach_m / 0.4), np.floor(reach_m / 0.4) + 1) * 0.4
     across_m = np.array([-0.4, 0.0, 0.4])
@@ -261,7 +255,7 @@ def _reach(box: Boxes) -> float:
     return float(np.hypot(*box.size_m[0, :2])) + 1.0
 
 
-def _moved_box(box: Boxes, shift_m: NDArray[np.float64], margin_m: float) -> NDArray[np.float64]:
+def _moved_box(box: Boxes, shift_m: F64, margin_m: float) -> F64:
     """(8,) centre, half sizes, cosine and sine of the heading of the shifted box."""
     half_m = box.size_m[0] / 2 + margin_m
     yaw_rad = box.yaw_rad[0]

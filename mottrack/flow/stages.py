@@ -13,11 +13,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64, I8, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -26,8 +26,8 @@ from mottrack.core.sweep import Sweep
 from mottrack.flow.registration.refine import RefineConfig, Refiner
 from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage
-from mottrack.flow.sweep_pair.prepared import Prepared
-from mottrack.flow.sweep_pair.sweep_work import RecentWork, SweepWork
+from mottrack.flow.sweep_pair.prepared import SweepPair
+from mottrack.flow.sweep_pair.sweep_work import RecentWork, SweepFeatures
 from mottrack.lidar.alignment import AlignmentConfig, residual_motion
 from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster, with_returns
 
@@ -73,7 +73,7 @@ class Stages:
         self._refiner = Refiner(self.config.refine)
         self._work = RecentWork(self.config.ground.reaching(self.grid))
 
-    def before(self, previous: Sweep, current: Sweep) -> Prepared:
+    def before(self, previous: Sweep, current: Sweep) -> SweepPair:
         """Removes ground and ego motion from two sweeps, each in its own ego frame.
 
         Raises:
@@ -90,7 +90,7 @@ class Stages:
             then = _moved(then, correction)
             previous_T_current = previous_T_current @ correction.inverse()
         then = replace(then, world_T_ego=current.world_T_ego)
-        return Prepared(
+        return SweepPair(
             previous=then,
             current=now,
             previous_work=earlier,
@@ -104,7 +104,7 @@ class Stages:
             current_seen=self._seen(later, now, Pose.identity()),
         )
 
-    def work_on(self, sweep: Sweep) -> SweepWork:
+    def work_on(self, sweep: Sweep) -> SweepFeatures:
         """What is made of one sweep alone."""
         return self._work.of(sweep)
 
@@ -112,13 +112,13 @@ class Stages:
         """Forgets the work on earlier sweeps, which is kept because the next pair needs it."""
         self._work.forget()
 
-    def _seen(self, work: SweepWork, kept: Sweep, sweep_T_grid: Pose) -> NDArray[np.int8] | None:
+    def _seen(self, work: SweepFeatures, kept: Sweep, sweep_T_grid: Pose) -> I8 | None:
         if not self.config.visibility.enabled:
             return None
         seen = visibility_raster(work.sweep, work.farthest_m, self.grid, sweep_T_grid)
         return with_returns(seen, kept.xyz_m, self.grid)
 
-    def after(self, field: FlowField, prepared: Prepared) -> FlowField:
+    def after(self, field: FlowField, prepared: SweepPair) -> FlowField:
         """The field with the rules of geometry applied: visibility, verification, refinement.
 
         Raises:
@@ -127,15 +127,13 @@ class Stages:
         if field.grid != self.grid:
             raise InputError("grid of field", field.grid, str(self.grid))
         if self.config.visibility.rule and prepared.previous_seen is not None:
-            field = silence_unseen(field, prepared.previous_seen, prepared.elapsed_s)
+            field = mask_occluded(field, prepared.previous_seen, prepared.elapsed_s)
         if self.config.refine.enabled:
             field = self._refiner.refine(field, prepared)
         return field
 
 
-def silence_unseen(
-    field: FlowField, previous_seen: NDArray[np.int8], elapsed_s: float
-) -> FlowField:
+def mask_occluded(field: FlowField, previous_seen: I8, elapsed_s: float) -> FlowField:
     """Withdraws the velocity of cells (H, W) whose place the previous sweep could not see.
 
     What was hidden and has come into view matches nothing; an estimator invents a fast match. A
@@ -152,10 +150,10 @@ def silence_unseen(
 
 def _came_from(
     field: FlowField,
-    cells: tuple[NDArray[np.int64], NDArray[np.int64]],
-    occupied: NDArray[np.bool_],
+    cells: tuple[I64, I64],
+    occupied: Mask,
     elapsed_s: float,
-) -> NDArray[np.bool_]:
+) -> Mask:
     """(C,) whether something stood near the earlier place of each chosen cell (rows, columns)."""
     velocity_mps, grid = field.velocity_mps[cells], field.grid
     rows, cols, inside = grid.cells(grid.centres_m()[cells] - velocity_mps * elapsed_s)
@@ -178,10 +176,8 @@ def _moved(sweep: Sweep, frame_T_sweep: Pose) -> Sweep:
     )
 
 
-@njit(cache=True)
-def _turned(
-    xyz_m: NDArray[np.float32], turn: NDArray[np.float64], way_m: NDArray[np.float64]
-) -> NDArray[np.float32]:
+@compiled
+def _turned(xyz_m: F32, turn: F64, way_m: F64) -> F32:
     """Points (N, 3) turned and shifted, in one pass over them."""
     moved = np.empty((len(xyz_m), 3), np.float32)
     for i in range(len(xyz_m)):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core.faults import SOUND
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
+from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 
@@ -24,7 +24,7 @@ class ZeroFlow:
 
     Config = ZeroConfig
     needs_sweeps = False
-    faults = SOUND
+    error_model = NO_OUTLIERS
 
     def __init__(self, config: ZeroConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or ZeroConfig()

@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.core.checks import require_all
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _PAD_M = 0.05
 _MIN_AREA_M2 = 1e-3
@@ -50,7 +47,7 @@ def hulls_of_groups(xy_m: F64, start: I64) -> HullSet:
     return HullSet(corner_m, first, centroid_m, rectangle)
 
 
-@njit(cache=True)
+@compiled
 def _hulls(xy_m: F64, start: I64) -> tuple[F64, I64]:
     groups = len(start) - 1
     first = np.zeros(groups + 1, np.int64)
@@ -65,7 +62,7 @@ def _hulls(xy_m: F64, start: I64) -> tuple[F64, I64]:
     return corner_m[: first[groups]].copy(), first
 
 
-@njit(cache=True)
+@compiled
 def _outer_points(points: F64) -> F64:
     """The points that are not inside the octagon of extreme points (Akl and Toussaint, 1978)."""
     if len(points) < 16:
@@ -81,7 +78,7 @@ def _outer_points(points: F64) -> F64:
     return kept[:count]
 
 
-@njit(cache=True)
+@compiled
 def _extreme_points(points: F64) -> F64:
     """(8, 2) the farthest point in each of eight directions, counter-clockwise."""
     best = np.full(8, -np.inf)
@@ -99,7 +96,7 @@ def _extreme_points(points: F64) -> F64:
     return points[which]
 
 
-@njit(cache=True)
+@compiled
 def _strictly_inside(polygon: F64, x: float, y: float) -> bool:
     for k in range(8):
         ax, ay = polygon[k - 1, 0], polygon[k - 1, 1]
@@ -109,7 +106,7 @@ def _strictly_inside(polygon: F64, x: float, y: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def _monotone_chain(points: F64) -> F64:
     """Andrew's monotone chain: corners counter-clockwise, none on a straight edge."""
     order = _by_x_then_y(points)
@@ -131,7 +128,7 @@ def _monotone_chain(points: F64) -> F64:
     return hull[:size]
 
 
-@njit(cache=True)
+@compiled
 def _by_x_then_y(points: F64) -> I64:
     """Order by x, ties by y; one fast sort and insertions among the few ties."""
     order = np.argsort(points[:, 0])
@@ -145,12 +142,12 @@ def _by_x_then_y(points: F64) -> I64:
     return order
 
 
-@njit(cache=True)
+@compiled
 def _cross(a: F64, b: F64, c: F64) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-@njit(cache=True)
+@compiled
 def _area(hull: F64) -> float:
     twice = 0.0
     for k in range(1, len(hull) - 1):
@@ -158,7 +155,7 @@ def _area(hull: F64) -> float:
     return 0.5 * twice
 
 
-@njit(cache=True)
+@compiled
 def _padded_rectangle(points: F64) -> F64:
     """Rectangle along the line of the points, padded on all sides."""
     low, high = points[0], points[0]
@@ -183,7 +180,7 @@ def _padded_rectangle(points: F64) -> F64:
     return corners
 
 
-@njit(cache=True)
+@compiled
 def _summaries(corner_m: F64, start: I64) -> tuple[F64, F64]:
     groups = len(start) - 1
     centroid_m, rectangle = np.empty((groups, 2)), np.empty((groups, 5))
@@ -194,7 +191,7 @@ def _summaries(corner_m: F64, start: I64) -> tuple[F64, F64]:
     return centroid_m, rectangle
 
 
-@njit(cache=True)
+@compiled
 def _centroid(hull: F64) -> F64:
     total, x, y = 0.0, 0.0, 0.0
     for k in range(1, len(hull) - 1):
@@ -205,7 +202,7 @@ def _centroid(hull: F64) -> F64:
     return np.array([hull[0, 0] + x / total, hull[0, 1] + y / total])
 
 
-@njit(cache=True)
+@compiled
 def _smallest_rectangle(hull: F64) -> F64:
     """Centre, length, width, heading of the smallest rectangle; one side lies on a hull's edge."""
     best = np.empty(5)
@@ -230,7 +227,7 @@ def _smallest_rectangle(hull: F64) -> F64:
     return best
 
 
-@njit(cache=True)
+@compiled
 def _span(hull: F64, ux: float, uy: float) -> tuple[float, float]:
     low, high = np.inf, -np.inf
     for i in range(len(hull)):

@@ -5,15 +5,14 @@ both sets in one frame. Every function raises InputError for other shapes, for n
 finite and for negative extents.
 """
 
-import numba
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64
 from mottrack.core.checks import require_all, require_finite
 from mottrack.core.errors import InputError
 from mottrack.geometry.polygon import clip_area, shoelace
-
-F64 = NDArray[np.float64]
 
 
 def boxes7(centre_m: F64, size_m: F64, yaw_rad: F64) -> F64:
@@ -130,7 +129,7 @@ def _hulls_of(a: F64, b: F64) -> F64:
     return areas
 
 
-@numba.njit(cache=True)
+@compiled
 def _intersections(a: F64, a_corners: F64, b: F64, b_corners: F64) -> F64:
     areas = np.zeros((a.shape[0], b.shape[0]))
     work = np.empty((2, 9, 2))
@@ -148,7 +147,7 @@ def _intersections(a: F64, a_corners: F64, b: F64, b_corners: F64) -> F64:
     return areas
 
 
-@numba.njit(cache=True)
+@compiled
 def _hulls(a: F64, a_corners: F64, b: F64, b_corners: F64) -> F64:
     areas = np.zeros((a.shape[0], b.shape[0]))
     points = np.empty((8, 2))
@@ -163,7 +162,7 @@ def _hulls(a: F64, a_corners: F64, b: F64, b_corners: F64) -> F64:
     return areas
 
 
-@numba.njit(cache=True)
+@compiled
 def _convex_hull(points: F64, hull: F64) -> int:
     """Andrew's monotone chain; sorts `points` in place, fills `hull`, returns its length."""
     count = points.shape[0]
@@ -187,6 +186,6 @@ def _convex_hull(points: F64, hull: F64) -> int:
     return size
 
 
-@numba.njit(cache=True)
+@compiled
 def _turn(a: F64, b: F64, x: float, y: float) -> float:
     return float((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0]))

@@ -1,16 +1,13 @@
 """Overlap of listed pairs of rotated boxes, where looking at all pairs would be a waste."""
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.geometry.polygon import clip_area
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
-
-@numba.njit(cache=True)
+@compiled
 def bev_iou_of_pairs(a: F64, b: F64, pairs: tuple[I64, I64]) -> F64:
     """Intersection over union from above of the pairs (i, j) of a (N, 7) and b (M, 7), (P,).
 
@@ -32,7 +29,7 @@ def bev_iou_of_pairs(a: F64, b: F64, pairs: tuple[I64, I64]) -> F64:
     return ratio
 
 
-@numba.njit(cache=True)
+@compiled
 def _corners(box: F64, x: float, y: float, out: F64) -> None:
     """Corners (4, 2) of a box that is moved to (x, y), counter-clockwise."""
     cos, sin = np.cos(box[6]), np.sin(box[6])

@@ -1,13 +1,12 @@
 """Convex polygons in the plane: clipping and area, compiled."""
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64
 
 
-@numba.njit(cache=True)
+@compiled
 def clip_area(subject: F64, clip: F64, work: F64) -> float:
     """Area of the intersection of two convex, counter-clockwise polygons.
 
@@ -44,7 +43,7 @@ def clip_area(subject: F64, clip: F64, work: F64) -> float:
     return float(shoelace(work[now], count))
 
 
-@numba.njit(cache=True)
+@compiled
 def shoelace(points: F64, count: int) -> float:
     """Area of the counter-clockwise polygon made of the first `count` rows of `points`."""
     twice = 0.0

@@ -1,9 +1,8 @@
 """Overlap of upright rectangles: rows (N, 4) of left, top, right, bottom, in pixels."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from mottrack.core.arrays import F64
 
 
 def rectangle_iou(a: F64, b: F64) -> F64:

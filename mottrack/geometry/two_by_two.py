@@ -1,9 +1,8 @@
 """Closed forms for stacks of symmetric 2x2 matrices."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from mottrack.core.arrays import F64
 
 
 def inverse_2x2(matrix: F64) -> F64:

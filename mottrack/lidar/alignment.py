@@ -9,11 +9,11 @@ of the registration, not of the odometry.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64
 from mottrack.core.pose import Pose
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, nearest
 from mottrack.lidar.thinning import first_in_voxel
@@ -35,8 +35,8 @@ class AlignmentConfig(StrictModel):
 
 
 def residual_motion(
-    previous_m: NDArray[np.float32],
-    current_m: NDArray[np.float32],
+    previous_m: F32,
+    current_m: F32,
     config: AlignmentConfig | None = None,
 ) -> Pose:
     """`aligned_T_compensated`: what moves the previous points (N, 3) onto the current (M, 3).
@@ -57,7 +57,7 @@ def residual_motion(
     return Pose.from_yaw(turn_rad, (x_m, y_m, 0.0))
 
 
-def _spread(xyz_m: NDArray[np.float32], config: AlignmentConfig) -> NDArray[np.float32]:
+def _spread(xyz_m: F32, config: AlignmentConfig) -> F32:
     """At most `max_points` points, one for each quarter-metre cell.
 
     Walls far away tell the turn best, and those close by hold most of the returns.
@@ -67,10 +67,8 @@ def _spread(xyz_m: NDArray[np.float32], config: AlignmentConfig) -> NDArray[np.f
     return np.array(xyz_m[rng.permutation(first)[: config.max_points]])
 
 
-@njit(cache=True)
-def _planar_icp(
-    grid: PointGrid, points_m: NDArray[np.float32], gates_m: NDArray[np.float64]
-) -> tuple[float, float, float]:
+@compiled
+def _planar_icp(grid: PointGrid, points_m: F32, gates_m: F64) -> tuple[float, float, float]:
     """Shift and turn of `points_m` onto the grid's points; weights 1 / (0.1 + d), least squares."""
     shift_x, shift_y, turn = 0.0, 0.0, 0.0
     for gate_m in gates_m:
@@ -86,13 +84,13 @@ def _planar_icp(
     return shift_x, shift_y, turn
 
 
-@njit(cache=True)
+@compiled
 def _normal_equations(
     grid: PointGrid,
-    points_m: NDArray[np.float32],
+    points_m: F32,
     motion: tuple[float, float, float],
     gate_m: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+) -> tuple[F64, F64, int]:
     cos, sin = np.cos(motion[2]), np.sin(motion[2])
     w, wu, wv, wuu, fx, fy, ft, pairs = 0.0, 0.0, 0.0, 1e-9, 0.0, 0.0, 0.0, 0
     for i in range(len(points_m)):

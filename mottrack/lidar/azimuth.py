@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mottrack.compiled import compiled
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def quick_atan2(y: float, x: float) -> float:
     """Angle of (x, y) in [-pi, pi], 1e-5 rad off at most; 0 at the origin.
 

@@ -12,13 +12,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.checks import as_array
-from mottrack.core.timing import part_of_stage
+from mottrack.core.timing import timed
 
 _LOWEST = 4
 """Low points kept per cell, for the 5 % quantile of up to 60 points."""
@@ -47,16 +47,16 @@ class GroundConfig(StrictModel):
 class Ground:
     """The ground under one sweep."""
 
-    height_m: NDArray[np.float32]
+    height_m: F32
     """(N,) height of each point above the local ground."""
-    is_ground: NDArray[np.bool_]
+    is_ground: Mask
     """(N,) points lower than the thickness of the ground."""
-    plane: NDArray[np.float64]
+    plane: F64
     """(3,) z = plane[0] * x + plane[1] * y + plane[2], ego frame."""
 
 
-@part_of_stage("ground")
-def find_ground(xyz_m: NDArray[np.float32], config: GroundConfig | None = None) -> Ground:
+@timed("ground")
+def find_ground(xyz_m: F32, config: GroundConfig | None = None) -> Ground:
     """Ground of a sweep (N, 3) in the ego frame; with fewer than three low cells, the lowest point.
 
     The plane is the one that most low cells support, weighed against the cells that it would put
@@ -83,14 +83,14 @@ def find_ground(xyz_m: NDArray[np.float32], config: GroundConfig | None = None) 
     return Ground(height_m, height_m < config.thickness_m, plane)
 
 
-def fit_plane(votes: NDArray[np.float64], config: GroundConfig) -> NDArray[np.float64]:
+def fit_plane(votes: F64, config: GroundConfig) -> F64:
     """Plane (3,) z = a x + b y + c that most of the low points (M, 3) support, by seeded RANSAC."""
     if len(votes) < 3:
         return np.array([0.0, 0.0, votes[:, 2].min() if len(votes) else 0.0])
     rng = np.random.default_rng(config.seed)
     samples = rng.integers(len(votes), size=(config.hypotheses, 3))
     jury = votes[:: max(len(votes) // _JURY, 1)]
-    best: NDArray[np.float64] = _ransac(jury, votes[samples], config.inlier_m, config.max_slope)
+    best: F64 = _ransac(jury, votes[samples], config.inlier_m, config.max_slope)
     for _ in range(3):
         residual_m = votes[:, 2] - votes[:, :2] @ best[:2] - best[2]
         inlier = np.abs(residual_m) < config.inlier_m
@@ -101,10 +101,8 @@ def fit_plane(votes: NDArray[np.float64], config: GroundConfig) -> NDArray[np.fl
     return best
 
 
-@njit(cache=True)
-def _low_points(
-    xyz_m: NDArray[np.float32], reach_m: float, cell_m: float, cells: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+@compiled
+def _low_points(xyz_m: F32, reach_m: float, cell_m: float, cells: int) -> tuple[F64, I64]:
     """5 % quantile of z in each cell, from the few lowest points kept, and the number of points."""
     lowest = np.full((cells * cells, _LOWEST), np.inf, np.float32)
     counts = np.zeros(cells * cells, np.int64)
@@ -129,10 +127,8 @@ def _low_points(
     return low_m.reshape(cells, cells), counts.reshape(cells, cells)
 
 
-@njit(cache=True)
-def _ransac(
-    votes: NDArray[np.float64], samples: NDArray[np.float64], inlier_m: float, max_slope: float
-) -> NDArray[np.float64]:
+@compiled
+def _ransac(votes: F64, samples: F64, inlier_m: float, max_slope: float) -> F64:
     best = np.array([0.0, 0.0, np.median(votes[:, 2])])
     best_score = -np.inf
     for s in range(len(samples)):
@@ -158,13 +154,13 @@ def _ransac(
     return best
 
 
-@njit(cache=True)
+@compiled
 def _terrain(
-    residual_m: NDArray[np.float64],
-    filled: NDArray[np.bool_],
-    order: NDArray[np.int64],
+    residual_m: F64,
+    filled: Mask,
+    order: I64,
     continues_m: float,
-) -> NDArray[np.float64]:
+) -> F64:
     """Height of the local ground over the plane: grown outwards, then smoothed by a median."""
     known = np.zeros(residual_m.shape, np.bool_)
     accepted = np.zeros(residual_m.shape, np.bool_)
@@ -183,10 +179,8 @@ def _terrain(
     return terrain_m
 
 
-@njit(cache=True)
-def _window_mean(
-    values: NDArray[np.float64], usable: NDArray[np.bool_], row: int, col: int
-) -> float:
+@compiled
+def _window_mean(values: F64, usable: Mask, row: int, col: int) -> float:
     total, count = 0.0, 0
     for r in range(max(row - _WINDOW_CELLS, 0), min(row + _WINDOW_CELLS + 1, values.shape[0])):
         for c in range(max(col - _WINDOW_CELLS, 0), min(col + _WINDOW_CELLS + 1, values.shape[1])):
@@ -196,12 +190,12 @@ def _window_mean(
     return total / count if count else 0.0
 
 
-@njit(cache=True)
+@compiled
 def _window_median(
-    values: NDArray[np.float64],
-    usable: NDArray[np.bool_],
+    values: F64,
+    usable: Mask,
     cell: tuple[int, int],
-    held: NDArray[np.float64],
+    held: F64,
 ) -> float:
     """Median around a cell; `held` is room to sort in (insertion: the windows are tiny)."""
     row, col = cell
@@ -218,13 +212,13 @@ def _window_median(
     return held[count // 2] if count else 0.0
 
 
-@njit(cache=True)
+@compiled
 def _heights(
-    xyz_m: NDArray[np.float32],
-    plane: NDArray[np.float64],
-    terrain_m: NDArray[np.float64],
+    xyz_m: F32,
+    plane: F64,
+    terrain_m: F64,
     extent: tuple[float, float],
-) -> NDArray[np.float32]:
+) -> F32:
     cells = len(terrain_m)
     reach, per_cell = np.float32(extent[0]), np.float32(1.0 / extent[1])
     a, b, c = np.float32(plane[0]), np.float32(plane[1]), np.float32(plane[2])

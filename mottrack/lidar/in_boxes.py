@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.core.checks import as_array
 from mottrack.lidar.point_grid import PointGrid, build_point_grid
 
@@ -19,16 +20,16 @@ _MAX_CELLS = 200_000.0
 class PointsInBoxes:
     """Ragged result: `index[start[b]:start[b + 1]]` are the points of box `b`, ascending."""
 
-    index: NDArray[np.int64]
+    index: I64
     """Point indices sorted by box; a point in two boxes appears twice."""
-    start: NDArray[np.int64]
+    start: I64
     """(B + 1,) first entry of each box."""
 
-    def of(self, box: int) -> NDArray[np.int64]:
+    def of(self, box: int) -> I64:
         """Points of one box."""
         return self.index[self.start[box] : self.start[box + 1]]
 
-    def first_box(self, num_points: int) -> NDArray[np.int64]:
+    def first_box(self, num_points: int) -> I64:
         """(N,) the first box that holds each point, -1 where none does."""
         box_of = np.full(num_points, -1, np.int64)
         boxes = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
@@ -61,19 +62,15 @@ def points_in_boxes(
     return PointsInBoxes(index, start)
 
 
-def _boxes(
-    centre_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike, margin_m: float
-) -> NDArray[np.float64]:
+def _boxes(centre_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike, margin_m: float) -> F64:
     yaw = as_array("yaw_rad", yaw_rad, np.float64, (None,))
     centre = as_array("centre_m", centre_m, np.float64, (len(yaw), 3))
     half_m = as_array("size_m", size_m, np.float64, (len(yaw), 3)) / 2 + margin_m
     return np.column_stack([centre, half_m, np.cos(yaw), np.sin(yaw)])
 
 
-@njit(cache=True)
-def _search(
-    grid: PointGrid, boxes: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+@compiled
+def _search(grid: PointGrid, boxes: F64) -> tuple[I64, I64]:
     start = np.zeros(len(boxes) + 1, np.int64)
     found = np.empty(len(grid.order) + 16, np.int64)
     count = 0
@@ -97,19 +94,19 @@ def _search(
     return found[:count].copy(), start
 
 
-@njit(cache=True)
-def _grown(found: NDArray[np.int64], needed: int) -> NDArray[np.int64]:
+@compiled
+def _grown(found: I64, needed: int) -> I64:
     grown = np.empty(2 * needed, np.int64)
     grown[: len(found)] = found
     return grown
 
 
-@njit(cache=True)
+@compiled
 def _collect(
     grid: PointGrid,
-    box: NDArray[np.float64],
+    box: F64,
     span: tuple[int, int],
-    found: NDArray[np.int64],
+    found: I64,
     count: int,
 ) -> int:
     for k in range(span[0], span[1]):

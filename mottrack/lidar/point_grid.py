@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64
 from mottrack.core.checks import as_array
 from mottrack.core.errors import InputError
 
@@ -23,11 +23,11 @@ class PointGrid(NamedTuple):
     A named tuple, so that numba takes it as one argument. Points outside the extent are left out.
     """
 
-    xyz_m: NDArray[np.float32]
+    xyz_m: F32
     """(M, 3) points inside the extent, sorted by cell; metres, frame of the input."""
-    order: NDArray[np.int64]
+    order: I64
     """(M,) index of each sorted point in the input."""
-    start: NDArray[np.int64]
+    start: I64
     """(rows * cols + 1,) first point of each cell."""
     x_min_m: float
     y_min_m: float
@@ -36,7 +36,7 @@ class PointGrid(NamedTuple):
     cols: int
 
 
-def build_point_grid(xyz_m: NDArray[np.float32], cell_m: float, reach_m: float = 60.0) -> PointGrid:
+def build_point_grid(xyz_m: F32, cell_m: float, reach_m: float = 60.0) -> PointGrid:
     """Sort `xyz_m` (N, 3) into cells of `cell_m` metres over [-reach_m, reach_m] in x and y.
 
     Raises:
@@ -50,10 +50,8 @@ def build_point_grid(xyz_m: NDArray[np.float32], cell_m: float, reach_m: float =
     return PointGrid(points[order], order, start, -reach_m, -reach_m, cell_m, cells, cells)
 
 
-@njit(cache=True)
-def _counting_sort(
-    xyz_m: NDArray[np.float32], low_m: float, cell_m: float, cells: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+@compiled
+def _counting_sort(xyz_m: F32, low_m: float, cell_m: float, cells: int) -> tuple[I64, I64]:
     start = np.zeros(cells * cells + 1, np.int64)
     cell_of = np.empty(len(xyz_m), np.int64)
     for i in range(len(xyz_m)):
@@ -74,7 +72,7 @@ def _counting_sort(
     return order, start
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def nearest(
     grid: PointGrid, x_m: float, y_m: float, z_m: float, gate_m: float
 ) -> tuple[int, float]:
@@ -109,7 +107,7 @@ def nearest(
     return best, best_d2
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _nearest_in_cell(
     grid: PointGrid, point_m: tuple[float, float, float], found: tuple[int, float]
 ) -> tuple[int, float]:

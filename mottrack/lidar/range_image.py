@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I8
 from mottrack.core.pose import Pose
 from mottrack.lidar.azimuth import quick_atan2
 
@@ -31,15 +31,15 @@ _GAP_ROWS = 8
 class RangeImage(NamedTuple):
     """Nearest and farthest return per direction from the optical centre; 0 where none."""
 
-    nearest_m: NDArray[np.float32]
-    farthest_m: NDArray[np.float32]
-    rotation: NDArray[np.float64]
+    nearest_m: F32
+    farthest_m: F32
+    rotation: F64
     """(3, 3) turns a place that is asked for into the frame of the sweep."""
-    offset_m: NDArray[np.float64]
+    offset_m: F64
     """(3,) is added to it then: it is relative to the optical centre."""
 
 
-def build_range_image(xyz_m: NDArray[np.float32], origin_m: NDArray[np.float64]) -> RangeImage:
+def build_range_image(xyz_m: F32, origin_m: F64) -> RangeImage:
     """Range image of all returns (N, 3), ground included, around the optical centre (3,)."""
     origin = np.array(origin_m, dtype=np.float64)
     nearest_m, farthest_m = _fill(np.array(xyz_m), origin)
@@ -54,14 +54,12 @@ def asked_from(image: RangeImage, sweep_T_frame: Pose) -> RangeImage:
     )
 
 
-def seen_before(
-    image: RangeImage, xyz_m: NDArray[np.float32], slack_m: float = 0.5
-) -> NDArray[np.int8]:
+def seen_before(image: RangeImage, xyz_m: F32, slack_m: float = 0.5) -> I8:
     """(N,) HIDDEN, PASSED (rays went on beyond it) or HIT (returns at its range), of each point."""
     return np.asarray(_states(image, np.array(xyz_m), slack_m))
 
 
-@njit(cache=True)
+@compiled
 def _bin(dx: float, dy: float, dz: float) -> tuple[int, int, float]:
     """Row, column and range of a place relative to the optical centre."""
     flat_m = np.sqrt(dx * dx + dy * dy) + 1e-6
@@ -70,10 +68,8 @@ def _bin(dx: float, dy: float, dz: float) -> tuple[int, int, float]:
     return min(max(row, 0), _ROWS - 1), column, np.sqrt(flat_m * flat_m + dz * dz)
 
 
-@njit(cache=True)
-def _fill(
-    xyz_m: NDArray[np.float32], origin_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+@compiled
+def _fill(xyz_m: F32, origin_m: F64) -> tuple[F32, F32]:
     nearest_m = np.zeros((_COLUMNS, _ROWS), np.float32)
     farthest_m = np.zeros((_COLUMNS, _ROWS), np.float32)
     for i in range(len(xyz_m)):
@@ -87,8 +83,8 @@ def _fill(
     return nearest_m, farthest_m
 
 
-@njit(cache=True)
-def _first_filled(line_m: NDArray[np.float32], row: int, step: int) -> int:
+@compiled
+def _first_filled(line_m: F32, row: int, step: int) -> int:
     for _ in range(_GAP_ROWS):
         row += step
         if row < 0 or row >= _ROWS:
@@ -98,7 +94,7 @@ def _first_filled(line_m: NDArray[np.float32], row: int, step: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@compiled
 def state_at(image: RangeImage, x_m: float, y_m: float, z_m: float, slack_m: float) -> int:
     """HIDDEN, PASSED or HIT at one place; a neighbourhood of three columns decides."""
     turn, offset_m = image.rotation, image.offset_m
@@ -123,8 +119,8 @@ def state_at(image: RangeImage, x_m: float, y_m: float, z_m: float, slack_m: flo
     return PASSED if sides >= 4 and passed == sides else HIDDEN
 
 
-@njit(cache=True)
-def _states(image: RangeImage, xyz_m: NDArray[np.float32], slack_m: float) -> NDArray[np.int8]:
+@compiled
+def _states(image: RangeImage, xyz_m: F32, slack_m: float) -> I8:
     states = np.empty(len(xyz_m), np.int8)
     for i in range(len(xyz_m)):
         states[i] = state_at(image, xyz_m[i, 0], xyz_m[i, 1], xyz_m[i, 2], slack_m)

@@ -6,15 +6,15 @@ Kernels on plain arrays. All distances are three-dimensional; motion is planar.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64
 from mottrack.lidar.point_grid import PointGrid, nearest
 
 
-@njit(cache=True)
+@compiled
 def capped_residual(
-    grid: PointGrid, points_m: NDArray[np.float32], shift_m: tuple[float, float], cap_m: float
+    grid: PointGrid, points_m: F32, shift_m: tuple[float, float], cap_m: float
 ) -> float:
     """Mean distance of `points_m` (N, 3), shifted in the plane, to the grid's nearest points.
 
@@ -29,10 +29,8 @@ def capped_residual(
     return total / max(len(points_m), 1)
 
 
-@njit(cache=True)
-def capped_residuals(
-    grid: PointGrid, points_m: NDArray[np.float32], shifts_m: NDArray[np.float64], cap_m: float
-) -> NDArray[np.float64]:
+@compiled
+def capped_residuals(grid: PointGrid, points_m: F32, shifts_m: F64, cap_m: float) -> F64:
     """`capped_residual` of each planar shift (K, 2)."""
     residual_m = np.empty(len(shifts_m))
     for k in range(len(shifts_m)):
@@ -40,11 +38,11 @@ def capped_residuals(
     return residual_m
 
 
-@njit(cache=True)
+@compiled
 def box_residual(
     grid: PointGrid,
     cluster: PointGrid,
-    box: NDArray[np.float64],
+    box: F64,
     offset_m: tuple[float, float, float],
     cap_m: float,
 ) -> float:
@@ -81,12 +79,12 @@ def box_residual(
     return total / count if count else cap_m
 
 
-@njit(cache=True)
+@compiled
 def translation_icp(
     grid: PointGrid,
-    points_m: NDArray[np.float32],
+    points_m: F32,
     start_m: tuple[float, float],
-    gates_m: NDArray[np.float64],
+    gates_m: F64,
 ) -> tuple[float, float]:
     """Planar shift (x, y) of `points_m` onto the grid's points, one step for each gate.
 

@@ -11,16 +11,14 @@ assumed about the height of the ego frame's origin over the road.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
 from mottrack.core.sweep import Sweep
-from mottrack.core.timing import part_of_stage
+from mottrack.core.timing import timed
 from mottrack.lidar.terrain_fit import above, envelope, interpolated, lowest, pits, planes, remember
-
-F64 = NDArray[np.float64]
 
 
 class TerrainConfig(StrictModel):
@@ -53,7 +51,7 @@ class Terrain:
         self._corner = np.zeros(2, np.int64)
         self._surface_m: F64 | None = None
 
-    @part_of_stage("ground")
+    @timed("ground")
     def update(self, sweep: Sweep) -> None:
         """Takes in one sweep; its pose must be in the same world frame as those before."""
         pose = sweep.world_T_ego
@@ -91,7 +89,7 @@ class Terrain:
         heights: F64 = above(sweep.xyz_m, pose.rotation, offset_m, self._surface_m, cell_m)
         return heights
 
-    def _move_to(self, corner: NDArray[np.int64]) -> None:
+    def _move_to(self, corner: I64) -> None:
         """Shifts the map by whole cells, forgetting what leaves it."""
         shift = corner - self._corner
         self._corner = corner

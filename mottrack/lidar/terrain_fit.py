@@ -7,18 +7,16 @@ a cell was never hit. `offset_m` takes rotated points into the map: origin at it
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-F32 = NDArray[np.float32]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, Mask
 
 _MIN_SUPPORT = 6.0
 _MIN_WEIGHT = 0.05
 _SLOPE_PRIOR = 0.5
 
 
-@njit(cache=True)
+@compiled
 def lowest(xyz_m: F32, rotation: F64, offset_m: F64, cells: int, cell_m: float) -> F64:
     """(C, C) second lowest height in each cell; NaN with fewer than two points.
 
@@ -42,7 +40,7 @@ def lowest(xyz_m: F32, rotation: F64, offset_m: F64, cells: int, cell_m: float) 
     return second
 
 
-@njit(cache=True)
+@compiled
 def remember(level_m: F64, seen: F64, low_m: F64, band_m: float, memory: float) -> None:
     """Merges the levels of a new sweep into the map, in place.
 
@@ -67,8 +65,8 @@ def remember(level_m: F64, seen: F64, low_m: F64, band_m: float, memory: float) 
                 level_m[row, column] += change / seen[row, column]
 
 
-@njit(cache=True)
-def pits(level_m: F64, rise_m: float) -> NDArray[np.bool_]:
+@compiled
+def pits(level_m: F64, rise_m: float) -> Mask:
     """(C, C) cells far below all of at least three known neighbours: returns from below ground."""
     cells = level_m.shape[0]
     found = np.zeros(level_m.shape, np.bool_)
@@ -85,7 +83,7 @@ def pits(level_m: F64, rise_m: float) -> NDArray[np.bool_]:
     return found
 
 
-@njit(cache=True)
+@compiled
 def envelope(level_m: F64, rise_m: float) -> F64:
     """Highest surface below all levels that rises by at most `rise_m` a cell (two chamfer passes).
 
@@ -113,7 +111,7 @@ def envelope(level_m: F64, rise_m: float) -> F64:
     return surface
 
 
-@njit(cache=True)
+@compiled
 def planes(level_m: F64, surface_m: F64, band_m: float, half: int) -> F64:
     """(C, C) heights at the centres of planes fitted around every cell, by weighted least squares.
 
@@ -135,7 +133,7 @@ def planes(level_m: F64, surface_m: F64, band_m: float, half: int) -> F64:
     return fitted
 
 
-@njit(cache=True)
+@compiled
 def _moment_sums(level_m: F64, surface_m: F64, band_m: float) -> F64:
     """(9, C + 1, C + 1) integral images of w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz, in cells."""
     cells = level_m.shape[0]
@@ -167,7 +165,7 @@ def _moment_sums(level_m: F64, surface_m: F64, band_m: float) -> F64:
     return sums
 
 
-@njit(cache=True)
+@compiled
 def _window_sums(sums: F64, row: int, column: int, half: int, window: F64) -> None:
     cells = sums.shape[0] - 1
     top, bottom = min(row + half + 1, cells), max(row - half, 0)
@@ -177,7 +175,7 @@ def _window_sums(sums: F64, row: int, column: int, half: int, window: F64) -> No
         window[m] += sums[bottom, left, m] - sums[top, left, m]
 
 
-@njit(cache=True)
+@compiled
 def _plane_height(window: F64, y: float, x: float) -> float:
     """Height at (x, y) of the plane with these moments; slopes are drawn weakly towards zero."""
     w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz = window
@@ -195,7 +193,7 @@ def _plane_height(window: F64, y: float, x: float) -> float:
     return float(mean_z + slope_x * (x - mean_x) + slope_y * (y - mean_y))
 
 
-@njit(cache=True)
+@compiled
 def interpolated(surface_m: F64, local_m: F64, cell_m: float) -> F64:
     """(N,) bilinear heights at (N, 2) positions from the map's corner; clamped to its edge."""
     heights = np.empty(len(local_m))
@@ -204,7 +202,7 @@ def interpolated(surface_m: F64, local_m: F64, cell_m: float) -> F64:
     return heights
 
 
-@njit(cache=True)
+@compiled
 def above(xyz_m: F32, rotation: F64, offset_m: F64, surface_m: F64, cell_m: float) -> F64:
     """(N,) height of points above the surface below them."""
     heights = np.empty(len(xyz_m))
@@ -217,7 +215,7 @@ def above(xyz_m: F32, rotation: F64, offset_m: F64, surface_m: F64, cell_m: floa
     return heights
 
 
-@njit(cache=True)
+@compiled
 def _at(surface_m: F64, x: float, y: float) -> float:
     last = surface_m.shape[0] - 1
     x, y = min(max(x - 0.5, 0.0), float(last)), min(max(y - 0.5, 0.0), float(last))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64
 from mottrack.core.checks import as_array
 
 
-def first_in_voxel(xyz_m: NDArray[np.float32], voxel_m: float) -> NDArray[np.int64]:
+def first_in_voxel(xyz_m: F32, voxel_m: float) -> I64:
     """Indices, ascending, of the first point of (N, 3) in each cube of `voxel_m` metres.
 
     Points farther than 2^20 voxels from the origin may share the voxel of another one.
@@ -21,8 +21,8 @@ def first_in_voxel(xyz_m: NDArray[np.float32], voxel_m: float) -> NDArray[np.int
     return np.asarray(_first(points, voxel_m))
 
 
-@njit(cache=True)
-def _first(xyz_m: NDArray[np.float32], voxel_m: float) -> NDArray[np.int64]:
+@compiled
+def _first(xyz_m: F32, voxel_m: float) -> I64:
     size = 1
     while size < 2 * len(xyz_m) + 1:
         size *= 2

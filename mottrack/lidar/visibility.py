@@ -8,9 +8,9 @@ is known about what stood there.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I8
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
@@ -21,7 +21,7 @@ _BINS = 720
 """0.5 degrees: wider than the azimuth step of any rotating LiDAR, so that no bin stays empty."""
 
 
-def farthest_returns(sweep: Sweep) -> NDArray[np.float64]:
+def farthest_returns(sweep: Sweep) -> F64:
     """(720,) horizontal range of the farthest return in each half degree about the optical centre.
 
     All returns count, ground included, in the frame of the sweep.
@@ -33,10 +33,10 @@ def farthest_returns(sweep: Sweep) -> NDArray[np.float64]:
 
 def visibility_raster(
     sweep: Sweep,
-    farthest_m: NDArray[np.float64],
+    farthest_m: F64,
     grid: BevGrid,
     sweep_T_grid: Pose | None = None,
-) -> NDArray[np.int8]:
+) -> I8:
     """(H, W) whether a sweep saw each cell: UNSEEN or FREE.
 
     Args:
@@ -57,22 +57,18 @@ def visibility_raster(
     return seen
 
 
-def with_returns(
-    seen: NDArray[np.int8], kept_xyz_m: NDArray[np.float32], grid: BevGrid
-) -> NDArray[np.int8]:
+def with_returns(seen: I8, kept_xyz_m: F32, grid: BevGrid) -> I8:
     """The raster (H, W) with OCCUPIED where a kept (non-ground) point (N, 3) lies."""
     return np.where(grid.occupancy(kept_xyz_m), np.int8(OCCUPIED), seen)
 
 
-@njit(cache=True)
+@compiled
 def _bin_of(x_m: float, y_m: float) -> int:
     return int((quick_atan2(y_m, x_m) + np.pi) * (_BINS / (2 * np.pi))) % _BINS
 
 
-@njit(cache=True)
-def _farthest(
-    xyz_m: NDArray[np.float32], centre_x_m: float, centre_y_m: float
-) -> NDArray[np.float64]:
+@compiled
+def _farthest(xyz_m: F32, centre_x_m: float, centre_y_m: float) -> F64:
     farthest_m2 = np.zeros(_BINS)
     for i in range(len(xyz_m)):
         dx, dy = xyz_m[i, 0] - centre_x_m, xyz_m[i, 1] - centre_y_m
@@ -81,12 +77,12 @@ def _farthest(
     return np.sqrt(farthest_m2)
 
 
-@njit(cache=True)
+@compiled
 def _fill(
-    seen: NDArray[np.int8],
-    farthest_m: NDArray[np.float64],
+    seen: I8,
+    farthest_m: F64,
     extent: tuple[float, float, float],
-    moved: tuple[NDArray[np.float64], NDArray[np.float64]],
+    moved: tuple[F64, F64],
 ) -> None:
     x_min_m, y_min_m, cell_m = extent
     turn, offset_m = moved

@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.sweep import Sweep
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 class KeptPoints(NamedTuple):
@@ -58,9 +55,9 @@ def kept_points(
     return KeptPoints(*_kept(sweep.xyz_m, height_m, (pose.rotation, offset_m), limits, cells))
 
 
-@njit(cache=True)
+@compiled
 def _kept(
-    xyz_m: NDArray[np.float32],
+    xyz_m: F32,
     height_m: F64,
     pose: tuple[F64, F64],
     limits: tuple[float, float, float, float, float],
@@ -98,7 +95,7 @@ def group_points(points: KeptPoints, cluster: I64, clusters: int, min_points: in
     return ClusterPoints(*_grouped(points, dense[cluster], start))
 
 
-@njit(cache=True)
+@compiled
 def _grouped(points: KeptPoints, cluster: I64, start: I64) -> tuple[F64, I64, F64, F64, F64]:
     """The fields of ClusterPoints; points of cluster -1 are left out."""
     groups = len(start) - 1
@@ -121,7 +118,7 @@ def _grouped(points: KeptPoints, cluster: I64, start: I64) -> tuple[F64, I64, F6
     return xy_m, start, bottom_m, top_m, mean_m / total.reshape(-1, 1)
 
 
-@njit(cache=True)
+@compiled
 def _cell_weights(row: I64, column: I64) -> F64:
     """One over the number of points in each cell that has any."""
     if len(row) == 0:

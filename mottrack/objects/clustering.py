@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from scipy import ndimage
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64, Mask
 
 _EIGHT_NEIGHBOURS = np.ones((3, 3), np.bool_)
 
@@ -33,9 +31,7 @@ class CellLabels(NamedTuple):
         return image[row, column]
 
 
-def component_labels(
-    occupied: NDArray[np.bool_], owner: I64 | None = None, join_cells: int = 0
-) -> CellLabels:
+def component_labels(occupied: Mask, owner: I64 | None = None, join_cells: int = 0) -> CellLabels:
     """Components of the occupied cells (H, W).
 
     Free cells (`owner` -1) are joined with their eight neighbours. Cells of a detector's mask
@@ -83,7 +79,7 @@ def _dense(label: I64) -> tuple[I64, int]:
     return fresh.reshape(-1), len(kept)
 
 
-def _grown(mask: NDArray[np.bool_], cells: int) -> NDArray[np.bool_]:
+def _grown(mask: Mask, cells: int) -> Mask:
     """Dilation by a square of `2 * cells + 1` cells, an axis after the other."""
     grown = mask.copy()
     for shift in range(1, cells + 1):
@@ -96,7 +92,7 @@ def _grown(mask: NDArray[np.bool_], cells: int) -> NDArray[np.bool_]:
     return wide
 
 
-@njit(cache=True)
+@compiled
 def box_mask(boxes: F64, shape: tuple[int, int], cell_m: float) -> I64:
     """(H, W) index of the box whose rectangle holds a cell's centre, -1 where none does.
 

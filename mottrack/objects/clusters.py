@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import GroundMap
@@ -20,8 +20,6 @@ from mottrack.lidar.terrain import Terrain, TerrainConfig
 from mottrack.objects.cluster_points import ClusterPoints, group_points, kept_points
 from mottrack.objects.clustering import box_mask, component_labels, split_large
 from mottrack.objects.reference import ReferenceConfig, position_covariance, reference_points
-
-F64 = NDArray[np.float64]
 
 
 class MaskConfig(StrictModel):
@@ -135,9 +133,7 @@ class ClusterSource:
         mapped_m = world_m[:, 2] - self._map.ground_height(world_m[:, :2])
         return np.where(np.isnan(mapped_m), estimate_m, mapped_m)
 
-    def _mask(
-        self, frame: Frame, corner_m: F64, shape: tuple[int, ...]
-    ) -> NDArray[np.int64] | None:
+    def _mask(self, frame: Frame, corner_m: F64, shape: tuple[int, ...]) -> I64 | None:
         """(H, W) which detection each cell belongs to, or None where there are none."""
         mask = self.config.mask
         if not mask.enabled or frame.detections is None:
@@ -145,7 +141,7 @@ class ClusterSource:
         found = frame.detections.select(frame.detections.score >= mask.min_score)
         size_m = found.size_m[:, :2] + 2 * mask.margin_m
         boxes = np.column_stack([found.centre_m[:, :2] - corner_m, size_m, found.yaw_rad])
-        owner: NDArray[np.int64] = box_mask(boxes, (shape[0], shape[1]), self.config.cell_m)
+        owner: I64 = box_mask(boxes, (shape[0], shape[1]), self.config.cell_m)
         return owner
 
     def _described(self, sweep: Sweep, groups: ClusterPoints, corner_m: F64) -> Objects:

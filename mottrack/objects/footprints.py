@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.objects import Boxes, Objects, Tracks
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 def footprints(boxes: Boxes, margin_m: float, cell_m: float) -> tuple[F64, I64]:

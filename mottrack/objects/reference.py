@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F64, I64
 from mottrack.geometry.hulls import HullSet
 from mottrack.objects.cluster_points import ClusterPoints
 
-F64 = NDArray[np.float64]
 Rule = Literal["hull_centroid", "rectangle_centre", "nearest_corner", "cell_mean"]
 
 
@@ -47,9 +46,7 @@ def _nearest_corner(rectangle: F64, sensor_m: F64) -> F64:
     return np.asarray(rectangle[:, :2] + a[:, None] * along + b[:, None] * across)
 
 
-def position_covariance(
-    rectangle: F64, num_points: NDArray[np.int64], config: ReferenceConfig
-) -> F64:
+def position_covariance(rectangle: F64, num_points: I64, config: ReferenceConfig) -> F64:
     """(G, 2, 2) covariance of the reference point's error.
 
     Along each side of the smallest rectangle: sampling, and a share of the extent, because the

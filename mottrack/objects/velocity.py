@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.errors import InputError
 from mottrack.core.motion import FlowField, VelocityMeasurement
 from mottrack.core.objects import Boxes
@@ -65,7 +65,7 @@ def measure_velocity(
     return _measurement(sums, config)
 
 
-def _measurement(sums: NDArray[np.float64], config: VelocityConfig) -> VelocityMeasurement:
+def _measurement(sums: F64, config: VelocityConfig) -> VelocityMeasurement:
     """From sums per box (N, 11): w, w^2, w v, w v v^T (xx, xy, yy), w C (xx, xy, yy), cells."""
     total = np.where(sums[:, 0] > 0, sums[:, 0], 1.0)
     mean = sums[:, 2:4] / total[:, None]
@@ -79,18 +79,18 @@ def _measurement(sums: NDArray[np.float64], config: VelocityConfig) -> VelocityM
     return VelocityMeasurement(mean, covariance, sums[:, 10] >= config.min_cells)
 
 
-def _symmetric(entries: NDArray[np.float64]) -> NDArray[np.float64]:
+def _symmetric(entries: F64) -> F64:
     xx, xy, yy = entries.T
     return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
 
 
-@njit(cache=True)
+@compiled
 def _sums(
-    edges: NDArray[np.float64],
-    start: NDArray[np.int64],
-    cells: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    edges: F64,
+    start: I64,
+    cells: tuple[F32, F32, F32],
     extent: tuple[float, float, float],
-) -> NDArray[np.float64]:
+) -> F64:
     """Weighted sums of velocity and covariance over the cells inside each footprint.
 
     `cells` are weight, velocity and covariance of the grid; see `footprints` for the first two.
@@ -126,8 +126,8 @@ def _sums(
     return sums
 
 
-@njit(cache=True)
-def _inside(edges: NDArray[np.float64], first: int, last: int, x: float, y: float) -> bool:
+@compiled
+def _inside(edges: F64, first: int, last: int, x: float, y: float) -> bool:
     outside_m = -np.inf
     for e in range(first, last):
         outside_m = max(outside_m, edges[e, 0] * x + edges[e, 1] * y - edges[e, 2])

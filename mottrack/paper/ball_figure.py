@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
@@ -30,7 +30,6 @@ LEGEND: dict[str, Any] = {
     "ncols": 2,
 }
 
-F64 = NDArray[np.float64]
 Run = tuple[SceneResult, list[Snapshot]]
 
 

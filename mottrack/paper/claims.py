@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from mottrack.eval.paired import FigureKey, Paired
+from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.eval.velocity_error import OTHER
 from mottrack.paper.published import LABELS, NONE, PILLARFLOW, TABLES, Published
 
@@ -37,7 +37,7 @@ class Claim:
     source: str
     study: str
     heading: str
-    key: FigureKey
+    key: MetricKey
     subject: str
     """Variant that the claim is about."""
     rival: str
@@ -75,7 +75,7 @@ class Finding:
     claim: Claim
     dataset: str
     verdict: Verdict
-    paired: Paired | None = None
+    paired: PairedDifference | None = None
     """The subject against the rival; None where a run is missing."""
 
     def as_dict(self) -> dict[str, Any]:
@@ -107,13 +107,13 @@ def claims() -> list[Claim]:
     return [*(claim for table in TABLES for claim in _claims_of(table)), _UNKNOWN_OBJECTS]
 
 
-def judge(claim: Claim, found: Paired | None) -> Verdict:
+def judge(claim: Claim, found: PairedDifference | None) -> Verdict:
     """Holds a claim against the paired difference of subject minus rival."""
     if found is None:
         return "not measured"
     if found.low != found.low:
         return "undecided"
-    if found.real:
+    if found.significant:
         return "reproduced" if (found.difference < 0.0) == claim.lower else "reversed"
     if claim.published is None:
         return "undecided"
@@ -144,10 +144,10 @@ def _claims_of(table: Published) -> Iterator[Claim]:
 
 _UNKNOWN_OBJECTS = Claim(
     table="V-D",
-    source="Section V-D and Figure 5 (a thrown ball), in words",
+    source="Section V-D and Metric 5 (a thrown ball), in words",
     study="velocity",
     heading="movers that no detector knows, mean velocity error",
-    key=FigureKey("velocity", OTHER, "mean", "m/s"),
+    key=MetricKey("velocity", OTHER, "mean", "m/s"),
     subject=PILLARFLOW,
     rival=NONE,
     lower=True,

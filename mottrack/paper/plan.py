@@ -13,7 +13,7 @@ from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError
 from mottrack.experiment.configs import shipped_folder
 from mottrack.experiment.experiment import Experiment
-from mottrack.experiment.validation_message import explain
+from mottrack.experiment.validation_message import format_validation_error
 from mottrack.experiment.yaml_file import read_yaml
 
 STUDIES = ("flow", "tracking", "velocity")
@@ -90,4 +90,4 @@ def read_plan() -> Plan:
     try:
         return Plan.model_validate(read_yaml(path))
     except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, Plan)}") from error
+        raise ConfigError(f"{path}: {format_validation_error(error, Plan)}") from error

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mottrack.eval.paired import FigureKey
+from mottrack.eval.paired import MetricKey
 from mottrack.eval.velocity_error import CATEGORIES
 
 NONE, ICP, OGM, PILLARFLOW, DOGMA = (
@@ -45,7 +45,7 @@ class Published:
     source: str
     study: str
     """Which of our runs it is held against."""
-    figures: tuple[tuple[str, FigureKey], ...]
+    figures: tuple[tuple[str, MetricKey], ...]
     """Heading and our figure of each of its columns."""
     values: dict[str, tuple[float | None, ...]]
     """Variant to what the paper prints; None where it prints nothing."""
@@ -69,8 +69,8 @@ class Published:
         return self.values[variant][column] if variant in self.values else None
 
 
-def _flow(row: str, metric: str, unit: str) -> FigureKey:
-    return FigureKey("flow", row, metric, unit)
+def _flow(row: str, metric: str, unit: str) -> MetricKey:
+    return MetricKey("flow", row, metric, unit)
 
 
 _RMSE = "RMSE of the flow"
@@ -123,10 +123,10 @@ TABLE_III = Published(
     "Table III, nuScenes validation",
     "tracking",
     (
-        ("AMOTA", FigureKey("tracking", "all", "AMOTA", lower_is_better=False)),
-        ("AMOTP (m)", FigureKey("tracking", "all", "AMOTP", "m")),
-        ("MOTA", FigureKey("tracking", "all", "MOTA", lower_is_better=False)),
-        ("MOTP (m)", FigureKey("tracking", "all", "MOTP", "m")),
+        ("AMOTA", MetricKey("tracking", "all", "AMOTA", lower_is_better=False)),
+        ("AMOTP (m)", MetricKey("tracking", "all", "AMOTP", "m")),
+        ("MOTA", MetricKey("tracking", "all", "MOTA", lower_is_better=False)),
+        ("MOTP (m)", MetricKey("tracking", "all", "MOTP", "m")),
     ),
     {
         NONE: (0.561, 0.800, 0.483, 0.379),
@@ -154,7 +154,7 @@ TABLE_IV = Published(
     "Table IV, 43 snippets of 10 s",
     "velocity",
     tuple(
-        (f"{row}, {metric}", FigureKey("velocity", row, metric, "m/s"))
+        (f"{row}, {metric}", MetricKey("velocity", row, metric, "m/s"))
         for metric in ("mean", "worst 5 %")
         for row in CATEGORIES
     ),
@@ -171,8 +171,8 @@ TABLE_V = Published(
     "Table V, in-house platform with an RTX 6000, TensorRT, half precision",
     "runtime",
     (
-        ("mean (ms)", FigureKey("runtime", "flow", "mean", "ms")),
-        ("variance (ms²)", FigureKey("runtime", "flow", "variance", "ms²")),
+        ("mean (ms)", MetricKey("runtime", "flow", "mean", "ms")),
+        ("variance (ms²)", MetricKey("runtime", "flow", "variance", "ms²")),
     ),
     {ICP: (20.0, 5.0), DOGMA: (45.0, 1.0), PILLARFLOW: (23.0, 0.1)},
     ("icp", "pillarflow"),

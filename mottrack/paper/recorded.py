@@ -26,7 +26,7 @@ NO_DETECTIONS = "registers detected objects, and no scene with sweeps has detect
 
 
 @dataclass(frozen=True)
-class Offer:
+class DatasetCapabilities:
     """What the scenes of a data set can serve for."""
 
     swept: tuple[str, ...]
@@ -60,7 +60,7 @@ class _Source:
     name: str
     dataset: dict[str, Any]
     overrides: list[str]
-    offer: Offer
+    offer: DatasetCapabilities
 
 
 def recorded_studies(name: str, recorded: RecordedPlan, request: Request) -> list[Study]:
@@ -91,7 +91,7 @@ def _opened(name: str, recorded: RecordedPlan, request: Request) -> _Source:
     return source
 
 
-def _offer(dataset: dict[str, Any], overrides: Sequence[str]) -> Offer:
+def _offer(dataset: dict[str, Any], overrides: Sequence[str]) -> DatasetCapabilities:
     """Opens every scene to see what is there."""
     run = compose({"dataset": dataset}, overrides, config_file("plan"))[0]
     data, swept, detected = run.dataset.make(), [], []
@@ -113,7 +113,7 @@ def _offer(dataset: dict[str, Any], overrides: Sequence[str]) -> Offer:
             detected.append(name)
         if not has_sweeps and not has_boxes:
             left_out[name] = "neither detections nor a sweep in every frame"
-    return Offer(tuple(swept), tuple(detected), left_out)
+    return DatasetCapabilities(tuple(swept), tuple(detected), left_out)
 
 
 def _study(name: str, source: _Source, recorded: RecordedPlan, request: Request) -> Study:

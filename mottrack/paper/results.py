@@ -12,8 +12,8 @@ from mottrack.core.result import SceneResult
 from mottrack.eval.nuscenes.bootstrap import draw
 from mottrack.eval.paired import (
     RESAMPLES,
-    FigureKey,
-    Paired,
+    MetricKey,
+    PairedDifference,
     Ratio,
     Sampled,
     Variance,
@@ -24,7 +24,7 @@ from mottrack.eval.run_figures import Figures
 from mottrack.paper.claims import Finding, claims, judge
 from mottrack.paper.machine import machines, note_machine
 from mottrack.paper.plan import Study
-from mottrack.runs.differences import Contender, Sampling, sample_runs
+from mottrack.runs.differences import Resamples, RunInput, sample_runs
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Job, RunReport, run_jobs
 from mottrack.runs.workers import Progress
@@ -39,17 +39,17 @@ class StudyResult:
     """A study after it has run."""
 
     study: Study
-    sampling: Sampling
+    sampling: Resamples
     failed: dict[str, str]
     """``variant/scene`` to the reason."""
     folders: dict[str, RunFolder]
     """Variant to its results."""
 
-    def sampled(self, variant: str, key: FigureKey) -> Sampled | None:
+    def sampled(self, variant: str, key: MetricKey) -> Sampled | None:
         """A figure of one run on all resamples; None where it has not been measured."""
         return self.sampling.figures.get(variant, {}).get(key)
 
-    def paired(self, rival: str, subject: str, key: FigureKey) -> Paired | None:
+    def paired(self, rival: str, subject: str, key: MetricKey) -> PairedDifference | None:
         """Subject against rival; None where one of them has no such figure."""
         sides = self.sampled(rival, key), self.sampled(subject, key)
         if sides[0] is None or sides[1] is None:
@@ -146,8 +146,8 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
         for variant, report in own.items()
         for scene, reason in report.failed.items()
     }
-    contenders = [
-        Contender(
+    run_inputs = [
+        RunInput(
             run.variant,
             study.dataset,
             own[run.variant].finished,
@@ -157,22 +157,22 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
         for run in study.runs
         if own[run.variant].finished
     ]
-    return StudyResult(study, _sampling(study.name, contenders), failed, folders)
+    return StudyResult(study, _sampling(study.name, run_inputs), failed, folders)
 
 
-def _sampling(name: str, contenders: Sequence[Contender]) -> Sampling:
-    if not contenders or name == BALL:
-        return Sampling(())
-    return sample_times(contenders) if name == RUNTIME else sample_runs(contenders)
+def _sampling(name: str, run_inputs: Sequence[RunInput]) -> Resamples:
+    if not run_inputs or name == BALL:
+        return Resamples(())
+    return sample_times(run_inputs) if name == RUNTIME else sample_runs(run_inputs)
 
 
-def sample_times(contenders: Sequence[Contender]) -> Sampling:
+def sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
     """Mean and variance of the flow's time of every run, resampled by scene."""
-    first = contenders[0].finished
-    scenes = tuple(s for s in first if all(s in c.finished for c in contenders))
+    first = run_inputs[0].finished
+    scenes = tuple(s for s in first if all(s in c.finished for c in run_inputs))
     weights = draw(max(len(scenes), 1), RESAMPLES)
-    figures = {c.title: _times([c.load(s) for s in scenes], weights) for c in contenders}
-    return Sampling(scenes, figures)
+    figures = {c.title: _times([c.load(s) for s in scenes], weights) for c in run_inputs}
+    return Resamples(scenes, figures)
 
 
 def _times(results: Sequence[SceneResult], weights: np.ndarray) -> Figures:
@@ -182,8 +182,8 @@ def _times(results: Sequence[SceneResult], weights: np.ndarray) -> Figures:
         for f in (len, np.sum, lambda part: (part**2).sum())
     )
     return {
-        FigureKey(RUNTIME, "flow", "mean", "ms"): sample(Ratio(total, count), weights),
-        FigureKey(RUNTIME, "flow", "variance", "ms²"): sample(
+        MetricKey(RUNTIME, "flow", "mean", "ms"): sample(Ratio(total, count), weights),
+        MetricKey(RUNTIME, "flow", "variance", "ms²"): sample(
             Variance(total, squares, count), weights
         ),
     }

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
 from mottrack.core.tables import TrackTable, TruthTable
@@ -23,14 +23,12 @@ OVERLAP = 0.5
 TURN_S = VelocityErrorConfig().turn_s
 """One turn of the LiDAR, which ends at the stamp of its sweep; as the velocity error takes it."""
 
-F64 = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Sighting:
     """Rows of tracks or clusters that are the mover, world frame, in order of frames."""
 
-    frame: NDArray[np.int64]
+    frame: I64
     """(K,)"""
     xy_m: F64
     """(K, 2)"""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Truth
@@ -22,7 +22,7 @@ FEWEST_POINTS = 5
 
 
 @dataclass
-class FlowJudge:
+class FlowSampler:
     """Compares fields with the truth that ``GroundTruthFlow`` makes of annotated tracks.
 
     A cell is observable when the object in it was hit at least five times in both sweeps, or
@@ -36,7 +36,7 @@ class FlowJudge:
     _truth: dict[int, Truth] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, settings: Settings, *, has_sweeps: bool) -> FlowJudge:
+    def of(cls, settings: Settings, *, has_sweeps: bool) -> FlowSampler:
         """A judge for one scene; it does nothing where the experiment wants no flow scores."""
         truth_flow = GroundTruthFlow(grid=settings.grid.grid())
         return cls(truth_flow, settings.flow_sample_limit, settings.score_flow and has_sweeps)
@@ -82,9 +82,7 @@ class FlowJudge:
         """Everything collected, in order of time."""
         return FlowSamples.stacked(self._parts)
 
-    def _observable(
-        self, field: FlowField, truth: Truth, pair: tuple[Sweep, Sweep]
-    ) -> NDArray[np.bool_]:
+    def _observable(self, field: FlowField, truth: Truth, pair: tuple[Sweep, Sweep]) -> Mask:
         """(H, W) whether the object in the cell, if any, was hit often enough in both sweeps."""
         previous, current = pair
         inside = _hits(current, truth)
@@ -101,7 +99,7 @@ class FlowJudge:
         return observable
 
 
-def _between(xy_m: NDArray[np.float64], azimuth_rad: tuple[float, float]) -> NDArray[np.bool_]:
+def _between(xy_m: F64, azimuth_rad: tuple[float, float]) -> Mask:
     right, left = azimuth_rad
     azimuth = np.arctan2(xy_m[..., 1], xy_m[..., 0])
     return (azimuth >= right) & (azimuth <= left)
@@ -112,9 +110,7 @@ def _hits(sweep: Sweep, truth: Truth) -> PointsInBoxes:
     return points_in_boxes(sweep.xyz_m, boxes.centre_m, boxes.size_m, boxes.yaw_rad, MARGIN_M)
 
 
-def _at_most(
-    cells: tuple[NDArray[np.int64], ...], limit: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _at_most(cells: tuple[I64, ...], limit: int) -> tuple[I64, I64]:
     """Rows and columns, evenly thinned to at most ``limit``."""
     n = len(cells[0])
     index = np.arange(n) if n <= limit else np.linspace(0, n - 1, limit).astype(np.int64)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from mottrack.core.arrays import F32
 from mottrack.core.errors import InputError, unknown_name
 from mottrack.core.objects import Objects
 from mottrack.core.pose import Pose
@@ -45,7 +46,7 @@ def sweep_of(
     )
 
 
-def _reflectance(points: NDArray[np.float32]) -> NDArray[np.float32]:
+def _reflectance(points: F32) -> F32:
     known = points.shape[1] == 4
     return np.array(points[:, 3]) if known else np.zeros(len(points), np.float32)
 

@@ -15,9 +15,9 @@ from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.experiment.experiment import Experiment
-from mottrack.pipeline.flow_sampler import FlowJudge
+from mottrack.pipeline.flow_sampler import FlowSampler
 from mottrack.pipeline.latency import StepTimes
-from mottrack.pipeline.snapshots import Album, ClosedAlbum
+from mottrack.pipeline.snapshots import NullRecorder, SnapshotRecorder
 from mottrack.pipeline.stream import Pipeline, needs_detections
 
 OnFrame = Callable[[int, int], None]
@@ -54,8 +54,10 @@ def run_scene(
     pipeline = Pipeline(experiment)
     if isinstance(scene, GroundMap):
         pipeline.use_ground(scene)
-    judge = FlowJudge.of(experiment.settings, has_sweeps=scene.has_sweeps)
-    album = (Album if keep_snapshots else ClosedAlbum)(experiment.settings.snapshots.points)
+    judge = FlowSampler.of(experiment.settings, has_sweeps=scene.has_sweeps)
+    album = (SnapshotRecorder if keep_snapshots else NullRecorder)(
+        experiment.settings.snapshots.points
+    )
     reads_sweeps = judge.enabled or pipeline.needs_sweeps
     frames: list[Frame] = []
     steps: list[Tracks] = []

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects
 from mottrack.core.snapshot import Snapshot
@@ -20,7 +21,7 @@ OCCUPIED_SHARE = 0.7
 
 
 @dataclass
-class Album:
+class SnapshotRecorder:
     """Takes every key frame of a scene."""
 
     points: int
@@ -36,7 +37,7 @@ class Album:
         self.snapshots.append(Snapshot.of(row, thin_m, field, objects))
 
 
-class ClosedAlbum(Album):
+class NullRecorder(SnapshotRecorder):
     """Takes nothing: of this scene no pictures are wanted."""
 
     def take(
@@ -45,7 +46,7 @@ class ClosedAlbum(Album):
         """Lets the key frame go."""
 
 
-def thinned(xyz_m: NDArray[np.float32], field: FlowField | None, limit: int) -> NDArray[np.float32]:
+def thinned(xyz_m: F32, field: FlowField | None, limit: int) -> F32:
     """At most ``limit`` of the points (N, 3), the same ones for the same sweep.
 
     One point of a voxel stays; of those, so many as are wanted in equal steps through space. Most
@@ -62,7 +63,7 @@ def thinned(xyz_m: NDArray[np.float32], field: FlowField | None, limit: int) -> 
     share = max(round(OCCUPIED_SHARE * limit), limit - len(flat))
     tall = _every_few(tall, share)
     kept = np.sort(np.concatenate([tall, _every_few(flat, limit - len(tall))]))
-    points: NDArray[np.float32] = xyz_m[kept]
+    points: F32 = xyz_m[kept]
     return points
 
 

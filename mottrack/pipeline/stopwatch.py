@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mottrack.core.timing import heard_by
+from mottrack.core.arrays import F64
+from mottrack.core.timing import collect_timings
 
 
 class Stopwatch:
@@ -23,7 +23,7 @@ class Stopwatch:
     def __call__(self, stage: str) -> Iterator[None]:
         """Times a ``with`` block as ``stage``, and its parts as ``stage.part``."""
         start = time.perf_counter()
-        with heard_by(lambda part, seconds: _add(self._lap, f"{stage}.{part}", seconds)):
+        with collect_timings(lambda part, seconds: _add(self._lap, f"{stage}.{part}", seconds)):
             yield
         seconds = time.perf_counter() - start
         _add(self._frames[-1], stage, seconds)
@@ -38,7 +38,7 @@ class Stopwatch:
         """What follows belongs to the next key frame."""
         self._frames.append({})
 
-    def seconds(self) -> dict[str, NDArray[np.float64]]:
+    def seconds(self) -> dict[str, F64]:
         """Per stage (T,) seconds of each finished key frame; 0 where a stage did not run."""
         frames = self._frames[:-1]
         stages = dict.fromkeys(stage for frame in frames for stage in frame)

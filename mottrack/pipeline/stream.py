@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from mottrack.core.checks import as_stamp
 from mottrack.core.errors import InputError
-from mottrack.core.faults import FLOW_FAULTS, VelocityFaults
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import (
     FlowSource,
@@ -26,6 +25,7 @@ from mottrack.core.motion import FlowField, VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
+from mottrack.core.velocity_errors import FLOW_ERRORS, VelocityErrorModel
 from mottrack.experiment.experiment import Experiment, load_to_stream
 from mottrack.objects.velocity import measure_velocity
 from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes
@@ -229,7 +229,9 @@ class Pipeline:
             return objects
         in_ego = objects.transformed(frame.world_T_ego.inverse(), "ego")
         measured = measure_velocity(field, in_ego, self._velocity)
-        measured = measured.with_faults(faults_of(self.flow)).rotated(frame.world_T_ego.yaw_rad)
+        measured = measured.with_error_model(error_model_of(self.flow)).rotated(
+            frame.world_T_ego.yaw_rad
+        )
         return objects.with_velocity(joined(objects.velocity, measured))
 
 
@@ -243,13 +245,13 @@ def joined(given: VelocityMeasurement | None, flow: VelocityMeasurement) -> Velo
     if not flow.valid.any():
         return given
     fused = fuse_velocities([given, flow])
-    return fused.with_faults(flow.faults) if (flow.valid & ~given.valid).any() else fused
+    return fused.with_error_model(flow.error_model) if (flow.valid & ~given.valid).any() else fused
 
 
-def faults_of(source: object) -> VelocityFaults:
+def error_model_of(source: object) -> VelocityErrorModel:
     """How a flow source errs beside its covariance; one that does not say is taken with care."""
-    faults = getattr(source, "faults", FLOW_FAULTS)
-    return faults if isinstance(faults, VelocityFaults) else FLOW_FAULTS
+    error_model = getattr(source, "error_model", FLOW_ERRORS)
+    return error_model if isinstance(error_model, VelocityErrorModel) else FLOW_ERRORS
 
 
 def is_stateful(source: object) -> bool:

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, dissect
+from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, classify_errors
 from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
 from mottrack.eval.nuscenes.levels import Curves
 from mottrack.eval.nuscenes.summary import evaluate_prepared
-from mottrack.eval.scores import Cut, ScoreConfig, best_threshold
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold
 from mottrack.eval.velocity_error import (
     VelocityErrorConfig,
     VelocitySamples,
@@ -39,7 +39,7 @@ class Analysis:
     anatomy: dict[str, ClassAnatomy]
     velocity: dict[str, list[float]]
     """Category to the quantiles of its velocity error, m/s."""
-    cuts: tuple[Cut, ...]
+    cuts: tuple[ScoreFilter, ...]
     """Which boxes the counts of errors are about."""
     timing: Timing | None
 
@@ -65,8 +65,10 @@ class Analysis:
 
 def _by_class(
     results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
-) -> tuple[dict[str, dict[str, list[float | None]]], dict[str, ClassAnatomy], tuple[Cut, ...]]:
-    everything = (Cut(""),)
+) -> tuple[
+    dict[str, dict[str, list[float | None]]], dict[str, ClassAnatomy], tuple[ScoreFilter, ...]
+]:
+    everything = (ScoreFilter(""),)
     if not labels:
         return {}, {}, everything
     rules = rules_for(labels)
@@ -76,15 +78,15 @@ def _by_class(
         return {}, {}, everything
     found = evaluate_prepared(prepared, rules).curves
     cuts = tuple(
-        Cut(label, best_threshold(found[label], config), range_m)
+        ScoreFilter(label, best_threshold(found[label], config), range_m)
         for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
     )
     curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
-    return curves, dissect(prepared, rules), cuts
+    return curves, classify_errors(prepared, rules), cuts
 
 
-def _reached(curve: Curves) -> NDArray[np.bool_]:
-    reached: NDArray[np.bool_] = ~np.isnan(curve["confidence"])
+def _reached(curve: Curves) -> Mask:
+    reached: Mask = ~np.isnan(curve["confidence"])
     return reached
 
 
@@ -111,5 +113,5 @@ def _velocity(
     }
 
 
-def _plain(values: NDArray[np.float64]) -> list[float | None]:
+def _plain(values: F64) -> list[float | None]:
     return [None if np.isnan(v) else round(float(v), 5) for v in values]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mottrack.eval.paired import Paired
-from mottrack.report.contest import Entrant
+from mottrack.eval.paired import PairedDifference
+from mottrack.report.ranking import ReportRun
 from mottrack.runs.differences import RunDifferences
 
 SHOWN = {
@@ -32,8 +32,8 @@ COUNTED = "IDS"
 class Whisker:
     """One run's difference to the baseline, in percent of the width of its plot."""
 
-    entrant: Entrant
-    row: Paired
+    entrant: ReportRun
+    row: PairedDifference
     low: float
     middle: float
     high: float
@@ -89,7 +89,7 @@ class Group:
 
 
 def difference_groups(
-    differences: Sequence[RunDifferences], entrants: Sequence[Entrant]
+    differences: Sequence[RunDifferences], entrants: Sequence[ReportRun]
 ) -> list[Group]:
     """The leading figures in which runs were compared with their baseline."""
     by_title = {entrant.title: entrant for entrant in entrants}
@@ -111,7 +111,7 @@ def difference_groups(
     return groups
 
 
-def _group(name: str, baseline: str, found: Sequence[tuple[Entrant, Paired]]) -> Group:
+def _group(name: str, baseline: str, found: Sequence[tuple[ReportRun, PairedDifference]]) -> Group:
     key, value = found[0][1].key, _number(found[0][1], found[0][1].baseline)
     ends = [abs(x) for _, row in found for x in (row.low, row.high, row.difference) if x == x]
     reach = max(*ends, 1e-12) * (-1.0 if key.lower_is_better else 1.0)  # better is to the right
@@ -128,7 +128,7 @@ def _group(name: str, baseline: str, found: Sequence[tuple[Entrant, Paired]]) ->
     return Group(name, key.unit, key.lower_is_better, baseline, value, whiskers)
 
 
-def _number(row: Paired, value: float, sign: str = "") -> str:
+def _number(row: PairedDifference, value: float, sign: str = "") -> str:
     digits = 3
     if row.key.metric == COUNTED:
         digits = 0 if value.is_integer() else 1

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I16, I32, Floats, Texts
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
@@ -42,9 +43,9 @@ class SceneStage:
         return min(len(self.result.frames), MOST_FRAMES)
 
     @property
-    def origin_m(self) -> NDArray[np.float64]:
+    def origin_m(self) -> F64:
         """(2,) where the vehicle starts."""
-        origin: NDArray[np.float64] = self.result.frames.world_T_ego[0, :2, 3]
+        origin: F64 = self.result.frames.world_T_ego[0, :2, 3]
         return origin
 
     def packed(self) -> str:
@@ -128,9 +129,7 @@ def _flow(snapshots: Sequence[Snapshot], frames: int) -> Arrays:
     }
 
 
-def _boxes(
-    name: str, boxes: TruthTable | TrackTable | ObjectTable, origin_m: NDArray[np.float64]
-) -> Arrays:
+def _boxes(name: str, boxes: TruthTable | TrackTable | ObjectTable, origin_m: F64) -> Arrays:
     arrays: Arrays = {
         "x": _cm(boxes.centre_m[:, 0] - origin_m[0]),
         "y": _cm(boxes.centre_m[:, 1] - origin_m[1]),
@@ -146,7 +145,7 @@ def _boxes(
     return {f"{name}_{column}": values for column, values in arrays.items()}
 
 
-def _hulls(result: SceneResult, origin_m: NDArray[np.float64]) -> Arrays:
+def _hulls(result: SceneResult, origin_m: F64) -> Arrays:
     order = np.argsort(result.tracks.frame, kind="stable")
     unordered = result.hulls
     hulls = [unordered[row] for row in order]
@@ -177,24 +176,24 @@ def _in_order(table: BoxTable) -> BoxTable:
     return table.select(np.argsort(table.frame, kind="stable"))
 
 
-def _names(labels: NDArray[np.str_]) -> list[str]:
+def _names(labels: Texts) -> list[str]:
     return [str(name) for name in np.unique(labels)]
 
 
-def _cm(metres: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
-    steps: NDArray[np.int32] = np.rint(100 * metres).astype(np.int32)
+def _cm(metres: Floats) -> I32:
+    steps: I32 = np.rint(100 * metres).astype(np.int32)
     return steps
 
 
-def _short(values: NDArray[np.floating[Any]]) -> NDArray[np.int16]:
+def _short(values: Floats) -> I16:
     """Hundredths in 16 bits, cut off at 327; NaN is UNMEASURED."""
     steps = np.clip(np.rint(100 * np.nan_to_num(values)), UNMEASURED + 1, -UNMEASURED - 1)
     return np.where(np.isnan(values), UNMEASURED, steps).astype(np.int16)
 
 
-def _angle(yaw_rad: NDArray[np.float64]) -> NDArray[np.int32]:
+def _angle(yaw_rad: F64) -> I32:
     return np.rint(yaw_rad / FINEST).astype(np.int32)
 
 
-def _score(score: NDArray[np.float64]) -> NDArray[np.int16]:
+def _score(score: F64) -> I16:
     return _short(score)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from mottrack.core.snapshot import Snapshot, load_snapshots
 from mottrack.report.analysis import Analysis
-from mottrack.report.contest import Entrant
 from mottrack.report.film import RunFilm, SceneStage
+from mottrack.report.ranking import ReportRun
 from mottrack.report.scene_errors import scene_errors
 
 
 @dataclass(frozen=True)
-class Reel:
+class PackedScene:
     """One scene, packed for the page."""
 
     dataset: str
@@ -29,10 +29,10 @@ class Reel:
 
 
 @dataclass(frozen=True)
-class Programme:
+class SceneSelection:
     """The scenes that are shown, and why the others are not."""
 
-    reels: tuple[Reel, ...]
+    reels: tuple[PackedScene, ...]
     too_large: tuple[str, ...]
     """Scenes for which there was no room."""
     not_kept: tuple[str, ...]
@@ -40,13 +40,13 @@ class Programme:
 
 
 def programme(
-    entrants: Sequence[Entrant], analyses: Sequence[Analysis], max_bytes: float
-) -> Programme:
+    entrants: Sequence[ReportRun], analyses: Sequence[Analysis], max_bytes: float
+) -> SceneSelection:
     """Packs scene after scene until the page is full."""
     scenes = dict.fromkeys(
         (e.run.experiment.dataset.kind, scene) for e in entrants for scene in e.run.report.finished
     )
-    reels: list[Reel] = []
+    reels: list[PackedScene] = []
     too_large, not_kept = [], []
     room = max_bytes
     for dataset, scene in scenes:
@@ -62,12 +62,12 @@ def programme(
                 reels.append(reel)
             else:
                 too_large.append(scene)
-    return Programme(tuple(reels), tuple(too_large), tuple(not_kept))
+    return SceneSelection(tuple(reels), tuple(too_large), tuple(not_kept))
 
 
 def _filmed(
-    entrants: Sequence[Entrant], dataset: str, scene: str
-) -> list[tuple[Entrant, list[Snapshot]]]:
+    entrants: Sequence[ReportRun], dataset: str, scene: str
+) -> list[tuple[ReportRun, list[Snapshot]]]:
     filmed = []
     for entrant in entrants:
         run = entrant.run
@@ -81,9 +81,9 @@ def _filmed(
 def _reel(
     dataset: str,
     scene: str,
-    filmed: Sequence[tuple[Entrant, list[Snapshot]]],
+    filmed: Sequence[tuple[ReportRun, list[Snapshot]]],
     analyses: Sequence[Analysis],
-) -> Reel:
+) -> PackedScene:
     first, snapshots = filmed[0]
     stage = SceneStage(first.run.folder.load(scene), snapshots)
     runs: dict[int, str] = {}
@@ -93,10 +93,12 @@ def _reel(
         cuts = analyses[entrant.index].cuts if entrant.has_truth else ()
         errors = scene_errors(result.where_labelled(), cuts, config)
         runs[entrant.index] = RunFilm(stage, result, kept, errors).packed()
-    return Reel(dataset, scene, stage.packed(), runs)
+    return PackedScene(dataset, scene, stage.packed(), runs)
 
 
-def contents(reels: Sequence[Reel], entrants: Sequence[Entrant]) -> list[dict[str, object]]:
+def contents(
+    reels: Sequence[PackedScene], entrants: Sequence[ReportRun]
+) -> list[dict[str, object]]:
     """What the page's scripts need know to find a reel."""
     several = len({reel.dataset for reel in reels}) > 1
     return [

@@ -13,10 +13,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 import mottrack
 from mottrack.core.storage import write_text
 from mottrack.report.analysis import Analysis
-from mottrack.report.contest import Entrant
 from mottrack.report.differences import difference_groups
-from mottrack.report.films import Programme, contents, programme
+from mottrack.report.films import SceneSelection, contents, programme
 from mottrack.report.measures import FLOW, GLOSSARY, INTERVAL, TIMING, TRACKING, VELOCITY
+from mottrack.report.ranking import ReportRun
 from mottrack.report.summary import cards, headlines
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
 from mottrack.report.timing import BUDGET_MS, Timing, stages_of, time_bars, time_rows
@@ -56,7 +56,7 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
     )
     environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # tables have an order
     runs = [run for run in comparison.runs if run.report.finished]
-    entrants = [Entrant(index, run) for index, run in enumerate(runs)]
+    entrants = [ReportRun(index, run) for index, run in enumerate(runs)]
     analyses = [Analysis.of(run) for run in runs]
     shown = programme(entrants, analyses, max_mb * 1e6)
     content = _content(entrants, analyses, comparison) | _moving(shown, entrants, analyses)
@@ -65,7 +65,7 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
 
 
 def _content(
-    entrants: Sequence[Entrant], analyses: Sequence[Analysis], comparison: Comparison
+    entrants: Sequence[ReportRun], analyses: Sequence[Analysis], comparison: Comparison
 ) -> dict[str, Any]:
     groups = difference_groups(comparison.differences, entrants)
     answers = cards(entrants, analyses, comparison.differences)
@@ -93,7 +93,7 @@ def _content(
     }
 
 
-def _times(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> dict[str, Any]:
+def _times(entrants: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[str, Any]:
     return {
         "budget_ms": BUDGET_MS,
         "stages": stages_of(timings),
@@ -103,7 +103,7 @@ def _times(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> dic
 
 
 def _moving(
-    shown: Programme, entrants: Sequence[Entrant], analyses: Sequence[Analysis]
+    shown: SceneSelection, entrants: Sequence[ReportRun], analyses: Sequence[Analysis]
 ) -> dict[str, Any]:
     return {
         "programme": shown,

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import I64, Mask, Texts
 from mottrack.core.result import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval.clear import Association, associate
-from mottrack.eval.pairs import Pairs, Side
-from mottrack.eval.scores import Cut, ScoreConfig, scene_pairs
+from mottrack.eval.pairs import BoxStream, Pairs
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_pairs
 
-I64 = NDArray[np.int64]
 NOBODY = -1
 
 
@@ -36,7 +35,9 @@ class SceneError:
     xy_m: tuple[float, float]
 
 
-def scene_errors(result: SceneResult, cuts: Sequence[Cut], config: ScoreConfig) -> list[SceneError]:
+def scene_errors(
+    result: SceneResult, cuts: Sequence[ScoreFilter], config: ScoreConfig
+) -> list[SceneError]:
     """Every error of a scene, frame by frame.
 
     Args:
@@ -107,7 +108,7 @@ class _Listing:
         )
 
 
-def miss_details(truth: Side, hit: NDArray[np.bool_]) -> NDArray[np.str_]:
+def miss_details(truth: BoxStream, hit: Mask) -> Texts:
     """(G,) what each true box would be as a miss, from where its object is hit before and after."""
     objects = truth.dense_ids()
     count = int(objects.max(initial=-1)) + 1
@@ -120,7 +121,7 @@ def miss_details(truth: Side, hit: NDArray[np.bool_]) -> NDArray[np.str_]:
     return np.select(conditions, ["never found", "late start", "early end"], "gap")
 
 
-def _rows_of(side: Side, table: TruthTable | TrackTable) -> I64:
+def _rows_of(side: BoxStream, table: TruthTable | TrackTable) -> I64:
     """(N,) row of the table that each box of the side is: an identity occurs once a frame."""
     place = {key: row for row, key in enumerate(zip(table.frame, table.id, strict=True))}
     return np.array([place[key] for key in zip(side.frame, side.id, strict=True)], np.int64)

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from mottrack.eval.paired import Paired
+from mottrack.eval.paired import PairedDifference
 from mottrack.report.analysis import Analysis
-from mottrack.report.contest import Entrant, best_of
 from mottrack.report.differences import Group
 from mottrack.report.measures import FLOW, TIMING, TRACKING, VELOCITY, Measure
+from mottrack.report.ranking import ReportRun, best_of
 from mottrack.runs.differences import RunDifferences
 
 NAN = float("nan")
-Value = Callable[[Entrant, Analysis], float]
+Value = Callable[[ReportRun, Analysis], float]
 
 
 @dataclass(frozen=True)
-class Question:
+class SummaryMetric:
     """A figure that the summary shows."""
 
     measure: Measure
@@ -31,7 +31,7 @@ class Question:
 class Bar:
     """One run's answer."""
 
-    entrant: Entrant
+    entrant: ReportRun
     text: str
     share: float
     """Length of its bar, 0 to 1."""
@@ -44,7 +44,7 @@ class Bar:
 class Card:
     """One question and every run's answer."""
 
-    question: Question
+    question: SummaryMetric
     bars: tuple[Bar, ...]
     sentence: str
 
@@ -57,42 +57,44 @@ def _velocity(row: str) -> Value:
     return lambda entrant, _: entrant.run.velocity_error(row).mean_mps
 
 
-def _flow(entrant: Entrant, _: Analysis) -> float:
+def _flow(entrant: ReportRun, _: Analysis) -> float:
     error = entrant.run.scores.flow.get("dynamic")
     return NAN if error is None else error.rmse_mps
 
 
-def _time(_: Entrant, analysis: Analysis) -> float:
+def _time(_: ReportRun, analysis: Analysis) -> float:
     return NAN if analysis.timing is None else analysis.timing.median_ms
 
 
 BY_KEY = {measure.key: measure for measure in (*TRACKING, *VELOCITY, *FLOW)}
 QUESTIONS = (
-    Question(BY_KEY["amota"], "AMOTA", _of_class("amota"), ("tracking", "all", "AMOTA")),
-    Question(BY_KEY["mota"], "MOTA", _of_class("mota"), None),
-    Question(BY_KEY["idf1"], "IDF1", _of_class("idf1"), None),
-    Question(
+    SummaryMetric(BY_KEY["amota"], "AMOTA", _of_class("amota"), ("tracking", "all", "AMOTA")),
+    SummaryMetric(BY_KEY["mota"], "MOTA", _of_class("mota"), None),
+    SummaryMetric(BY_KEY["idf1"], "IDF1", _of_class("idf1"), None),
+    SummaryMetric(
         BY_KEY["mean_mps"], "velocity error (all)", _velocity("all"), ("velocity", "all", "mean")
     ),
-    Question(
+    SummaryMetric(
         BY_KEY["mean_mps"],
         "velocity error (static objects)",
         _velocity("static objects"),
         ("velocity", "static objects", "mean"),
     ),
-    Question(
+    SummaryMetric(
         BY_KEY["mean_mps"],
         "velocity error (fast)",
         _velocity("fast [3, inf) m/s"),
         ("velocity", "fast [3, inf) m/s", "mean"),
     ),
-    Question(BY_KEY["rmse_mps"], "flow RMSE (moving cells)", _flow, ("flow", "dynamic", "RMSE")),
-    Question(TIMING, "time a key frame", _time, None),
+    SummaryMetric(
+        BY_KEY["rmse_mps"], "flow RMSE (moving cells)", _flow, ("flow", "dynamic", "RMSE")
+    ),
+    SummaryMetric(TIMING, "time a key frame", _time, None),
 )
 
 
 def cards(
-    entrants: Sequence[Entrant],
+    entrants: Sequence[ReportRun],
     analyses: Sequence[Analysis],
     differences: Sequence[RunDifferences],
 ) -> list[Card]:
@@ -104,8 +106,8 @@ def cards(
 
 
 def _card(
-    question: Question,
-    entrants: Sequence[Entrant],
+    question: SummaryMetric,
+    entrants: Sequence[ReportRun],
     analyses: Sequence[Analysis],
     differences: Sequence[RunDifferences],
 ) -> Card:
@@ -125,7 +127,9 @@ def _card(
     return Card(question, bars, _sentence(bars, differences))
 
 
-def _verdict(question: Question, entrant: Entrant, differences: Sequence[RunDifferences]) -> str:
+def _verdict(
+    question: SummaryMetric, entrant: ReportRun, differences: Sequence[RunDifferences]
+) -> str:
     pair = next((d for d in differences if d.run == entrant.title), None)
     row = None if pair is None else _row(pair.rows, question.difference)
     if row is None or row.low != row.low:
@@ -133,7 +137,9 @@ def _verdict(question: Question, entrant: Entrant, differences: Sequence[RunDiff
     return {True: "better", False: "worse", None: "alike"}[row.better]
 
 
-def _row(rows: Sequence[Paired], wanted: tuple[str, str, str] | None) -> Paired | None:
+def _row(
+    rows: Sequence[PairedDifference], wanted: tuple[str, str, str] | None
+) -> PairedDifference | None:
     named = {(row.key.table, row.key.row, row.key.metric): row for row in rows}
     return None if wanted is None else named.get(wanted)
 

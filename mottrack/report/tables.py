@@ -9,8 +9,8 @@ from mottrack.eval.flow_error import FlowError
 from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy
 from mottrack.eval.scores import ClassScores
 from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
-from mottrack.report.contest import Cell, Entrant, best_of
 from mottrack.report.measures import FLOW, TRACKING, VELOCITY, Measure
+from mottrack.report.ranking import Cell, ReportRun, best_of
 
 NAN = float("nan")
 LEADING_VELOCITY_ROWS = 6
@@ -23,7 +23,7 @@ class Row:
 
     name: str
     cells: tuple[Cell, ...]
-    entrant: Entrant | None = None
+    entrant: ReportRun | None = None
     """The run, where the line is a run's."""
 
 
@@ -35,7 +35,7 @@ class Block:
     rows: tuple[Row, ...]
 
 
-def tracking_blocks(entrants: Sequence[Entrant]) -> list[Block]:
+def tracking_blocks(entrants: Sequence[ReportRun]) -> list[Block]:
     """A line a run: all classes together, then class by class."""
     labels = dict.fromkeys(label for e in entrants for label in e.run.scores.classes)
     overall = [e.run.scores.overall for e in entrants]
@@ -48,7 +48,7 @@ def tracking_blocks(entrants: Sequence[Entrant]) -> list[Block]:
 
 
 def _tracking_rows(
-    entrants: Sequence[Entrant], parts: Sequence[ClassScores | None]
+    entrants: Sequence[ReportRun], parts: Sequence[ClassScores | None]
 ) -> tuple[Row, ...]:
     figures = [{} if part is None else part.as_dict() for part in parts]
     columns = [_column(measure, figures, entrants) for measure in TRACKING]
@@ -59,21 +59,21 @@ def _tracking_rows(
 
 
 def _column(
-    measure: Measure, figures: Sequence[Mapping[str, float]], entrants: Sequence[Entrant]
+    measure: Measure, figures: Sequence[Mapping[str, float]], entrants: Sequence[ReportRun]
 ) -> list[Cell]:
     values = [figure.get(measure.key, NAN) for figure in figures]
     best = best_of(measure, values, entrants)
     return [Cell(measure.text(v), b) for v, b in zip(values, best, strict=True)]
 
 
-def velocity_blocks(entrants: Sequence[Entrant]) -> list[Block]:
+def velocity_blocks(entrants: Sequence[ReportRun]) -> list[Block]:
     """A line a category, a column a run; the classes of the objects below."""
     names = list(dict.fromkeys(row for e in entrants for row in e.run.scores.velocity))
     rows = [_velocity_row(name, entrants) for name in names]
     return _blocks(rows, LEADING_VELOCITY_ROWS, "by class of the object")
 
 
-def _velocity_row(name: str, entrants: Sequence[Entrant]) -> Row:
+def _velocity_row(name: str, entrants: Sequence[ReportRun]) -> Row:
     errors = [e.run.scores.velocity.get(name, NO_ROWS) for e in entrants]
     cells = _stacked_cells(VELOCITY, errors, entrants)
     with_counts = [
@@ -83,7 +83,7 @@ def _velocity_row(name: str, entrants: Sequence[Entrant]) -> Row:
     return Row(name, tuple(with_counts))
 
 
-def flow_blocks(entrants: Sequence[Entrant]) -> list[Block]:
+def flow_blocks(entrants: Sequence[ReportRun]) -> list[Block]:
     """A line a kind of cell, a column a run; by speed and by range below."""
     nothing = FlowError(0, *(6 * [NAN]))
     names = list(dict.fromkeys(row for e in entrants for row in e.run.scores.flow))
@@ -97,7 +97,7 @@ def flow_blocks(entrants: Sequence[Entrant]) -> list[Block]:
 def _stacked_cells(
     measures: Sequence[Measure],
     errors: Sequence[ErrorRow] | Sequence[FlowError],
-    entrants: Sequence[Entrant],
+    entrants: Sequence[ReportRun],
 ) -> list[Cell]:
     """A cell a run: the first measure large, the others small below it."""
     columns = []
@@ -118,7 +118,7 @@ def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:
 
 
 def gain_rows(
-    entrants: Sequence[Entrant], anatomies: Sequence[Mapping[str, ClassAnatomy]]
+    entrants: Sequence[ReportRun], anatomies: Sequence[Mapping[str, ClassAnatomy]]
 ) -> list[Row]:
     """AMOTA that each run would gain without the errors of each kind."""
     gains = [_gains(e, anatomy) for e, anatomy in zip(entrants, anatomies, strict=True)]
@@ -126,7 +126,7 @@ def gain_rows(
     return [Row(k, tuple(Cell(f"+{gain.get(k, 0.0):.3f}") for gain in gains)) for k in kinds]
 
 
-def _gains(entrant: Entrant, anatomy: Mapping[str, ClassAnatomy]) -> dict[str, float]:
+def _gains(entrant: ReportRun, anatomy: Mapping[str, ClassAnatomy]) -> dict[str, float]:
     """AMOTA is a mean over the classes that have truth, so a gain in one is shared by all."""
     classes = sum(part.amota == part.amota for part in entrant.run.scores.classes.values())
     gains: dict[str, float] = {}

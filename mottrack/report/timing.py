@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mottrack.core.result import SceneResult
-from mottrack.report.contest import Cell, Entrant, best_of
 from mottrack.report.measures import TIMING
+from mottrack.report.ranking import Cell, ReportRun, best_of
 from mottrack.report.tables import Row
 
 BUDGET_MS = 100.0
@@ -67,7 +67,7 @@ class Part:
 class TimeBar:
     """Mean time of a run's stages, one after the other, beside the budget."""
 
-    entrant: Entrant
+    entrant: ReportRun
     parts: tuple[Part, ...]
     budget_percent: float
     total: str
@@ -88,7 +88,7 @@ def _place(stage: str) -> tuple[int, str]:
     return ORDER.index(stage) if stage in ORDER else len(ORDER), stage
 
 
-def time_bars(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> list[TimeBar]:
+def time_bars(entrants: Sequence[ReportRun], timings: Sequence[Timing | None]) -> list[TimeBar]:
     """One bar a run, on one scale; those far beyond the budget leave the plot at its right end."""
     totals = [sum(t.stage_ms.values()) for t in timings if t is not None]
     scale = min(max([1.25 * BUDGET_MS, *totals]), WIDEST_BUDGETS * BUDGET_MS)
@@ -107,7 +107,7 @@ def time_bars(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> 
     return bars
 
 
-def time_rows(entrants: Sequence[Entrant], timings: Sequence[Timing | None]) -> list[Row]:
+def time_rows(entrants: Sequence[ReportRun], timings: Sequence[Timing | None]) -> list[Row]:
     """Mean of each stage, median and 95th percentile of all, share within the budget."""
     medians = [float("nan") if t is None else t.median_ms for t in timings]
     best = best_of(TIMING, medians, entrants)

@@ -17,8 +17,8 @@ from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.latency import LatencyReport, StepTimes
 from mottrack.runs.differences import (
-    Contender,
     RunDifferences,
+    RunInput,
     check_baseline,
     find_differences,
 )
@@ -45,10 +45,10 @@ class ScoredRun:
         """What names the run in a table."""
         return self.experiment.title
 
-    def contender(self) -> Contender:
+    def run_input(self) -> RunInput:
         """The run as far as differences are concerned."""
         kind, config = self.experiment.dataset.kind, self.experiment.settings.scores
-        return Contender(self.title, kind, self.report.finished, self.folder.load, config)
+        return RunInput(self.title, kind, self.report.finished, self.folder.load, config)
 
     def velocity_error(self, row: str) -> ErrorRow:
         """One line of the velocity table; without rows where this run has none of the kind."""
@@ -125,7 +125,7 @@ def run_comparison(
         scored_run(job.experiment, job.folder, report)
         for job, report in zip(jobs, reports, strict=True)
     ]
-    differences = find_differences([run.contender() for run in runs], baseline)
+    differences = find_differences([run.run_input() for run in runs], baseline)
     comparison = Comparison(tuple(runs), out, differences)
     figures = {
         "runs": [run.as_dict() for run in runs],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from mottrack.eval.paired import CONFIDENCE, RESAMPLES, FigureKey, Paired
+from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDifference
 from mottrack.eval.velocity_error import CATEGORIES, OTHER
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison, ScoredRun, velocity_rows
@@ -178,7 +178,7 @@ def compact(table: TextTable, titles: Sequence[str], parts: Sequence[str]) -> Te
     return TextTable(table.name, f"{table.title}: {' | '.join(parts)}", columns, tuple(rows))
 
 
-def figure_name(key: FigureKey) -> str:
+def figure_name(key: MetricKey) -> str:
     """Name of a figure in a table of differences, with its unit."""
     what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
     row = "" if key.table == "tracking" else f"{key.row}, "
@@ -186,18 +186,18 @@ def figure_name(key: FigureKey) -> str:
     return f"{what[key.table]}{row}{key.metric}{unit}"
 
 
-def verdict(row: Paired) -> str:
+def verdict(row: PairedDifference) -> str:
     """Whether a difference is real, in a word or two."""
     if row.low != row.low:
         return "one scene" if row.scenes == 1 else "no interval"
     return {True: "better", False: "worse", None: "not shown"}[row.better]
 
 
-def _leads(key: FigureKey) -> bool:
+def _leads(key: MetricKey) -> bool:
     return key.row in LEADING_ROWS and not (key.table == "flow" and key.metric != "RMSE")
 
 
-def _difference_text(row: Paired | None) -> str:
+def _difference_text(row: PairedDifference | None) -> str:
     if row is None or row.difference != row.difference:
         return "–"
     if row.low != row.low:

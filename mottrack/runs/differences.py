@@ -8,7 +8,7 @@ from typing import Any
 
 from mottrack.core.errors import unknown_name
 from mottrack.core.result import SceneResult
-from mottrack.eval.paired import Paired, paired_all
+from mottrack.eval.paired import PairedDifference, paired_all
 from mottrack.eval.run_figures import Figures, Resampling, run_figures
 from mottrack.eval.scores import ScoreConfig
 from mottrack.experiment.experiment import Experiment
@@ -26,7 +26,7 @@ class RunDifferences:
     """Title of the baseline."""
     scenes: int
     """Scenes that all runs of the data set have finished."""
-    rows: tuple[Paired, ...]
+    rows: tuple[PairedDifference, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for scores.json; an interval that can't be given is None."""
@@ -39,7 +39,7 @@ class RunDifferences:
 
 
 @dataclass(frozen=True)
-class Contender:
+class RunInput:
     """A run as far as differences are concerned."""
 
     title: str
@@ -51,7 +51,7 @@ class Contender:
 
 
 @dataclass(frozen=True)
-class Sampling:
+class Resamples:
     """The figures of all runs of one data set over the scenes that they have in common."""
 
     scenes: tuple[str, ...]
@@ -64,27 +64,27 @@ class Sampling:
         return RunDifferences(run, baseline, len(self.scenes), rows)
 
 
-def sample_runs(contenders: Sequence[Contender]) -> Sampling:
+def sample_runs(run_inputs: Sequence[RunInput]) -> Resamples:
     """Resamples the figures of runs on the same data set, all with the same draws."""
     scenes = tuple(
         scene
-        for scene in contenders[0].finished
-        if all(scene in contender.finished for contender in contenders)
+        for scene in run_inputs[0].finished
+        if all(scene in run_input.finished for run_input in run_inputs)
     )
     if not scenes:
-        return Sampling(())
-    results = {c.title: [c.load(scene) for scene in scenes] for c in contenders}
-    common = Resampling.of(list(results.values()), contenders[0].config)
-    return Sampling(scenes, {title: run_figures(run, common) for title, run in results.items()})
+        return Resamples(())
+    results = {c.title: [c.load(scene) for scene in scenes] for c in run_inputs}
+    common = Resampling.of(list(results.values()), run_inputs[0].config)
+    return Resamples(scenes, {title: run_figures(run, common) for title, run in results.items()})
 
 
 def find_differences(
-    contenders: Sequence[Contender], baseline: str | None
+    run_inputs: Sequence[RunInput], baseline: str | None
 ) -> tuple[RunDifferences, ...]:
     """Every run against the baseline of its data set: the named run, else the first one."""
     found: list[RunDifferences] = []
-    for kind in dict.fromkeys(contender.dataset for contender in contenders):
-        group = [c for c in contenders if c.dataset == kind and c.finished]
+    for kind in dict.fromkeys(run_input.dataset for run_input in run_inputs):
+        group = [c for c in run_inputs if c.dataset == kind and c.finished]
         if len(group) < 2:
             continue
         sampling = sample_runs(group)
@@ -118,7 +118,7 @@ def _answers(title: str, baseline: str) -> bool:
     return title == baseline or set(baseline.split("+")) <= set(title.split("+"))
 
 
-def _plain(row: Paired) -> dict[str, Any]:
+def _plain(row: PairedDifference) -> dict[str, Any]:
     key = row.key
     names = {"table": key.table, "row": key.row, "metric": key.metric, "unit": key.unit}
     numbers = {
@@ -129,4 +129,4 @@ def _plain(row: Paired) -> dict[str, Any]:
         "high": row.high,
     }
     finite = {name: None if x != x else x for name, x in numbers.items()}
-    return {**names, **finite, "real": row.real, "better": row.better, "scenes": row.scenes}
+    return {**names, **finite, "real": row.significant, "better": row.better, "scenes": row.scenes}

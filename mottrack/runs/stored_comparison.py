@@ -34,7 +34,7 @@ def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
     if not runs:
         raise ConfigError(f"{folder} holds no finished scene of any run; expected a folder that "
                           "mottrack run or compare wrote")  # fmt: skip
-    differences = find_differences([run.contender() for run in runs], baseline)
+    differences = find_differences([run.run_input() for run in runs], baseline)
     return Comparison(tuple(runs), folder, differences)
 
 

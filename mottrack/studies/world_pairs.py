@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from mottrack.core.arrays import F32, I16, I64
 from mottrack.core.errors import ConfigError
 from mottrack.core.sweep import seconds_between
-from mottrack.experiment.validation_message import explain
+from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow.pillarflow.training.example import Labels
 from mottrack.flow.pillarflow.training.making import LabelledPair
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
@@ -25,7 +25,9 @@ def world_pair(seed: int, index: int, settings: dict[str, Any]) -> LabelledPair:
     try:
         config = TrainingConfig.model_validate(settings)
     except ValidationError as error:
-        raise ConfigError(explain(error, TrainingConfig, prefix="examples.world")) from error
+        raise ConfigError(
+            format_validation_error(error, TrainingConfig, prefix="examples.world")
+        ) from error
     pair = training_pair(seed, index, config)
     return LabelledPair(pair.previous, pair.current, _labels(pair))
 
@@ -46,7 +48,7 @@ def _labels(pair: TrainingPair) -> Labels:
     )
 
 
-def _numbered(object_id: NDArray[np.int64], ids: NDArray[np.int64]) -> NDArray[np.int16]:
+def _numbered(object_id: I64, ids: I64) -> I16:
     """Row of each point's object among the sorted `ids`, -1 for others and the background."""
     if not len(ids):
         return np.full(len(object_id), -1, np.int16)
@@ -54,7 +56,7 @@ def _numbered(object_id: NDArray[np.int64], ids: NDArray[np.int64]) -> NDArray[n
     return np.where(ids[rows] == object_id, rows, -1).astype(np.int16)
 
 
-def _means(values: NDArray[np.float32], rows: NDArray[np.int16], count: int) -> NDArray[np.float32]:
+def _means(values: F32, rows: I16, count: int) -> F32:
     """(K,2) mean of the values (N,2) of each object's points."""
     on = rows >= 0
     points = np.maximum(np.bincount(rows[on], minlength=count), 1)

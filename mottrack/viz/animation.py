@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from mottrack.core.arrays import U8
 from mottrack.core.errors import ConfigError, InputError
 
-Picture = NDArray[np.uint8]
-"""(H, W, 3) red, green, blue; the first row is the uppermost."""
 ENDINGS = (".gif", ".mp4")
 GIF_COLOURS = 256
 MP4_CODEC = "libx264"
@@ -24,7 +22,7 @@ MP4_QUALITY = "20"
 """x264's constant rate factor: 18 cannot be told from the original, 28 is small."""
 
 
-def write_animation(path: Path, pictures: Iterable[Picture], period_s: float) -> int:
+def write_animation(path: Path, pictures: Iterable[U8], period_s: float) -> int:
     """Writes an animation that shows each picture for `period_s`; the path's ending decides how.
 
     Returns:
@@ -48,7 +46,7 @@ def write_animation(path: Path, pictures: Iterable[Picture], period_s: float) ->
     return write(path, chain([first], counted), period_s)
 
 
-def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:
+def _of_one_size(pictures: Iterable[U8]) -> Iterator[U8]:
     shape = None
     for picture in pictures:
         shape = shape or picture.shape
@@ -57,7 +55,7 @@ def _of_one_size(pictures: Iterable[Picture]) -> Iterator[Picture]:
         yield picture
 
 
-def _write_gif(path: Path, pictures: Iterable[Picture], period_s: float) -> int:
+def _write_gif(path: Path, pictures: Iterable[U8], period_s: float) -> int:
     """One palette for all pictures, so that colours stay put from one to the next."""
     images = [Image.fromarray(picture) for picture in pictures]
     palette = _palette([np.asarray(images[k]) for k in (0, len(images) // 2, -1)])
@@ -69,7 +67,7 @@ def _write_gif(path: Path, pictures: Iterable[Picture], period_s: float) -> int:
     return len(frames)
 
 
-def _palette(pictures: Sequence[Picture]) -> Image.Image:
+def _palette(pictures: Sequence[U8]) -> Image.Image:
     """Of these pictures' colours, each counted by the root of its number of pixels.
 
     By their full number, the greys of a background would leave nothing to small bright things.
@@ -80,7 +78,7 @@ def _palette(pictures: Sequence[Picture]) -> Image.Image:
     return Image.fromarray(sample[None]).quantize(GIF_COLOURS, dither=Image.Dither.NONE)
 
 
-def _write_mp4(path: Path, pictures: Iterable[Picture], period_s: float) -> int:
+def _write_mp4(path: Path, pictures: Iterable[U8], period_s: float) -> int:
     """H.264, which every browser plays; its pictures have even numbers of rows and columns."""
     av = _pyav()
     count = 0

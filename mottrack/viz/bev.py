@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import FancyArrow
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
@@ -68,7 +68,7 @@ def frame_axes(axes: Axes, reach_m: float) -> None:
     axes.add_patch(_ego_marker())
 
 
-def draw_points(axes: Axes, xyz_m: NDArray[np.float32]) -> None:
+def draw_points(axes: Axes, xyz_m: F32) -> None:
     """The sweep in grey, thinned to what a picture can show."""
     step = max(len(xyz_m) // MOST_POINTS, 1)
     x, y = xyz_m[::step, 0], xyz_m[::step, 1]
@@ -104,7 +104,7 @@ def draw_boxes(
     axes.add_collection(LineCollection(outlines, colors=colour, linewidths=linewidth, zorder=4))
 
 
-def box_outlines(boxes: TruthTable | TrackTable, ego_T_world: Pose) -> list[NDArray[np.float64]]:
+def box_outlines(boxes: TruthTable | TrackTable, ego_T_world: Pose) -> list[F64]:
     """Per box (7, 2): the closed outline, then front middle and centre."""
     unit = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1], [1, 0], [0, 0]]) / 2
     centres = ego_T_world.apply(boxes.centre_m)[:, :2]
@@ -115,14 +115,14 @@ def box_outlines(boxes: TruthTable | TrackTable, ego_T_world: Pose) -> list[NDAr
     ]
 
 
-def hulls_of(result: SceneResult, rows: NDArray[np.int64]) -> list[NDArray[np.float64]]:
+def hulls_of(result: SceneResult, rows: I64) -> list[F64]:
     """The hulls (K, 2) in the world frame of those track rows that have one."""
     ends = np.cumsum(result.tracks.hull_corners)
     starts = ends - result.tracks.hull_corners
     return [result.hull_xy_m[starts[row] : ends[row]] for row in rows if ends[row] > starts[row]]
 
 
-def draw_hulls(axes: Axes, hulls: Sequence[NDArray[np.float64]], ego_T_world: Pose) -> None:
+def draw_hulls(axes: Axes, hulls: Sequence[F64], ego_T_world: Pose) -> None:
     """Outlines of tracks that are polygons instead of boxes."""
     outlines = [ego_T_world.apply(np.pad(hull, ((0, 0), (0, 1))))[:, :2] for hull in hulls]
     closed = [np.concatenate([outline, outline[:1]]) for outline in outlines]

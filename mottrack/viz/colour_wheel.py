@@ -6,10 +6,9 @@ differences of direction look about equally different.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F64, U8, Floats
 
 RED, YELLOW, GREEN = (255, 0, 0), (255, 255, 0), (0, 255, 0)
 CYAN, BLUE, MAGENTA = (0, 255, 255), (0, 0, 255), (255, 0, 255)
@@ -23,7 +22,7 @@ ARCS = (
 )
 
 
-def colour_wheel() -> NDArray[np.float64]:
+def colour_wheel() -> F64:
     """(55, 3) colours of the wheel, RGB in [0, 1]."""
     arcs = [
         np.linspace(start, end, steps, endpoint=False, dtype=np.float64)
@@ -32,9 +31,7 @@ def colour_wheel() -> NDArray[np.float64]:
     return np.concatenate(arcs) / 255.0
 
 
-def flow_to_rgb(
-    velocity_mps: NDArray[np.floating[Any]], max_mps: float, *, dark: bool = False
-) -> NDArray[np.float64]:
+def flow_to_rgb(velocity_mps: Floats, max_mps: float, *, dark: bool = False) -> F64:
     """Colours (..., 3) in [0, 1] of velocities (..., 2).
 
     Args:
@@ -59,9 +56,7 @@ def flow_to_rgb(
     return np.where(inside, pale, 0.75 * hue)
 
 
-def bold_flow_to_rgb(
-    velocity_mps: NDArray[np.floating[Any]], max_mps: float, least: float = 0.45
-) -> NDArray[np.float64]:
+def bold_flow_to_rgb(velocity_mps: Floats, max_mps: float, least: float = 0.45) -> F64:
     """The same, but slow velocities get at least the share `least` of the full colour.
 
     For what is known to move and is drawn on white, where pale colours cannot be seen.
@@ -72,7 +67,7 @@ def bold_flow_to_rgb(
     return flow_to_rgb(velocity_mps * stretch[..., None], max_mps)
 
 
-def wheel_picture(pixels: int) -> NDArray[np.uint8]:
+def wheel_picture(pixels: int) -> U8:
     """(pixels, pixels, 4) key to the colours, RGBA with y up; transparent outside of the circle."""
     ticks = np.linspace(-1, 1, pixels)
     x, y = np.meshgrid(ticks, ticks[::-1])

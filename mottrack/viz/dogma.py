@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from mottrack.core.arrays import F32, U8, Mask
 from mottrack.core.checks import as_array
 from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
@@ -35,13 +35,13 @@ class MapPicture:
         InputError: a shape is not that of `occupied`.
     """
 
-    occupied: NDArray[np.float32]
+    occupied: F32
     """(rows, cols) mass of occupied."""
-    free: NDArray[np.float32]
+    free: F32
     """(rows, cols) mass of free."""
-    moving: NDArray[np.bool_]
+    moving: Mask
     """(rows, cols) cells that are shown in the colour of their velocity."""
-    velocity_mps: NDArray[np.float32]
+    velocity_mps: F32
     """(rows, cols, 2) velocity in world axes."""
     corner_m: tuple[float, float]
     """World x and y of the lower corner."""
@@ -60,7 +60,7 @@ class MapPicture:
         as_array("velocity_mps", self.velocity_mps, np.float32, (*shape, 2))
 
 
-def map_to_rgb(picture: MapPicture) -> NDArray[np.uint8]:
+def map_to_rgb(picture: MapPicture) -> U8:
     """(rows, cols, 3) colours; row 0 is the lowest y.
 
     The grey level goes from unknown towards white by the free mass and towards black by the
@@ -73,7 +73,7 @@ def map_to_rgb(picture: MapPicture) -> NDArray[np.uint8]:
     return rgb
 
 
-def draw_map(picture: MapPicture, scale: int = 2) -> NDArray[np.uint8]:
+def draw_map(picture: MapPicture, scale: int = 2) -> U8:
     """(rows * scale, cols * scale, 3) picture with north up, the vehicle, a wheel and a scale."""
     rgb = map_to_rgb(picture)[::-1].repeat(scale, axis=0).repeat(scale, axis=1)
     image = Image.fromarray(rgb)

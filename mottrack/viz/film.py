@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import U8
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.viz.bev import FULL_COLOUR_MPS, TRACK_COLOUR, TRUTH_COLOUR, draw_bev
@@ -22,7 +22,7 @@ LEGEND = (("truth", TRUTH_COLOUR, 1.6), ("track, number, velocity", TRACK_COLOUR
 
 def film(
     result: SceneResult, snapshots: Sequence[Snapshot], *, reach_m: float = 40.0
-) -> Iterator[NDArray[np.uint8]]:
+) -> Iterator[U8]:
     """A picture (H, W, 3) of each key frame, in order of time.
 
     Args:

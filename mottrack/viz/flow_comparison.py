@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -55,7 +55,7 @@ def flow_comparison(
     return figure
 
 
-def flow_image(flow: FlowField | Snapshot, max_mps: float) -> NDArray[np.float64]:
+def flow_image(flow: FlowField | Snapshot, max_mps: float) -> F64:
     """Colours (H, W, 3) in [0, 1], white where nothing is.
 
     Moving cells are drawn three cells wide: a cell of a quarter metre is less than a pixel.
@@ -81,7 +81,7 @@ def flow_image(flow: FlowField | Snapshot, max_mps: float) -> NDArray[np.float64
 
 def _cells(
     flow: FlowField | Snapshot,
-) -> tuple[BevGrid, NDArray[np.int64], NDArray[np.float32], NDArray[np.bool_]]:
+) -> tuple[BevGrid, I64, F32, Mask]:
     if isinstance(flow, Snapshot):
         return flow.grid, flow.cells, flow.velocity_mps, flow.valid
     occupied = flow.occupied

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
@@ -91,13 +91,13 @@ class Recording:
         self.stream.flush()
         self.stream.disconnect()
 
-    def _log_vehicle(self, world_T_ego: Pose, origin_m: NDArray[np.float64]) -> None:
+    def _log_vehicle(self, world_T_ego: Pose, origin_m: F64) -> None:
         moved = self.rerun.Transform3D(
             translation=world_T_ego.translation_m - origin_m, mat3x3=world_T_ego.rotation
         )
         self.stream.log("world/ego", moved)
 
-    def _log_snapshot(self, snapshot: Snapshot, origin_m: NDArray[np.float64]) -> None:
+    def _log_snapshot(self, snapshot: Snapshot, origin_m: F64) -> None:
         """Points and flow hang on the vehicle; the tracker's input lies in the world."""
         points = self.rerun.Points3D(snapshot.xyz_m, colors=POINT_COLOUR, radii=POINT_RADIUS_M)
         self.stream.log("world/ego/points", points)
@@ -114,9 +114,7 @@ class Recording:
         self.stream.log("world/ego/flow", cells)
         self._log_boxes("world/objects", snapshot.objects, origin_m)
 
-    def _log_tracks(
-        self, result: SceneResult, rows: NDArray[np.int64], origin_m: NDArray[np.float64]
-    ) -> None:
+    def _log_tracks(self, result: SceneResult, rows: I64, origin_m: F64) -> None:
         tracks = result.tracks.select(rows)
         self._log_boxes("world/tracks", tracks, origin_m)
         arrows = self.rerun.Arrows3D(
@@ -132,7 +130,7 @@ class Recording:
         strips = self.rerun.LineStrips3D([hull - origin_m for hull in hulls], colors=colours)
         self.stream.log("world/tracks/hulls", strips)
 
-    def _log_boxes(self, path: str, boxes: Boxes, origin_m: NDArray[np.float64]) -> None:
+    def _log_boxes(self, path: str, boxes: Boxes, origin_m: F64) -> None:
         half_yaw = boxes.yaw_rad / 2
         zero = np.zeros(len(boxes))
         self.stream.log(
@@ -151,10 +149,10 @@ def _at(truth: TruthTable, frame: int) -> TruthTable:
     return truth.select(truth.frame == frame)
 
 
-def _colours(boxes: Boxes) -> NDArray[np.int64]:
+def _colours(boxes: Boxes) -> I64:
     """(N, 3) red, green, blue."""
     if isinstance(boxes, TrackTable):
-        colours: NDArray[np.int64] = TRACK_COLOURS[boxes.id % len(TRACK_COLOURS)]
+        colours: I64 = TRACK_COLOURS[boxes.id % len(TRACK_COLOURS)]
         return colours
     colour = TRUTH_COLOUR if isinstance(boxes, TruthTable) else OBJECT_COLOUR
     return np.tile(np.array(colour), (len(boxes), 1))

@@ -9,14 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Tracks
 from mottrack.core.sweep import Sweep
-
-F64 = NDArray[np.float64]
 
 _GREEN, _RED, _POINTS, _HULLS = "#1a9641", "#d7191c", "#b8b8b8", "#4575b4"
 _SHOWN_MPS = 0.3

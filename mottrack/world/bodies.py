@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.world.materials import CLOTH, FRAME, GLASS, PAINT, PLAIN
 from mottrack.world.solids import (
     BOX,
@@ -29,7 +29,7 @@ class Body:
     """Parts of one mover in its own frame, and how they swing when it walks."""
 
     solids: Solids
-    swing_m: NDArray[np.float64]
+    swing_m: F64
     """(P,) amplitude forward and back."""
     stride_m: float
     """Way of one full cycle of the legs; 0 where nothing swings."""
@@ -281,8 +281,8 @@ class Troupe:
 
     solids: Solids
     """``owner`` is the mover, coordinates are in its frame."""
-    swing_m: NDArray[np.float64]
-    stride_m: NDArray[np.float64]
+    swing_m: F64
+    stride_m: F64
     """(P,)"""
 
 

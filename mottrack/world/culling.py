@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.world.solids import BOX, Solids
 
 _TURN = 2.0 * np.pi
@@ -19,17 +19,17 @@ _FIXED_POINT_STEPS = 4
 class Scan(NamedTuple):
     """How the sensor moves and fires in one turn: C columns of R beams; named tuple for numba."""
 
-    time_s: NDArray[np.float64]
+    time_s: F64
     """(C,) firing time of each column relative to the stamp."""
-    origin_m: NDArray[np.float64]
+    origin_m: F64
     """(C, 3) optical centre in the world."""
-    rotation: NDArray[np.float64]
+    rotation: F64
     """(C, 3, 3) world_R_sensor."""
-    azimuth_rad: NDArray[np.float64]
+    azimuth_rad: F64
     """(C,) azimuth in the sensor frame, monotonous over one turn."""
-    elevation_rad: NDArray[np.float64]
+    elevation_rad: F64
     """(R,) elevation of each beam."""
-    offset_rad: NDArray[np.float64]
+    offset_rad: F64
     """(R,) azimuth of each beam relative to its column."""
     max_range_m: float
 
@@ -37,13 +37,13 @@ class Scan(NamedTuple):
 class Candidates(NamedTuple):
     """``solid[start[c]:start[c + 1]]`` can be met in column c, nearest first."""
 
-    start: NDArray[np.int64]
-    solid: NDArray[np.int64]
-    near_m: NDArray[np.float64]
+    start: I64
+    solid: I64
+    near_m: F64
     """(P,) lower bound on the distance of every solid during the whole scan."""
 
 
-@njit(cache=True)
+@compiled
 def find_candidates(scan: Scan, solids: Solids) -> Candidates:
     """Sorts the solids into the columns from which they can be met."""
     near_m = _near_bounds(scan, solids)
@@ -67,8 +67,8 @@ def find_candidates(scan: Scan, solids: Solids) -> Candidates:
     return Candidates(start, solid, near_m)
 
 
-@njit(cache=True)
-def _near_bounds(scan: Scan, solids: Solids) -> NDArray[np.float64]:
+@compiled
+def _near_bounds(scan: Scan, solids: Solids) -> F64:
     middle = scan.origin_m[len(scan.origin_m) // 2]
     ends = scan.origin_m[-1] - scan.origin_m[0]
     travel = np.sqrt(ends[0] ** 2 + ends[1] ** 2)
@@ -83,7 +83,7 @@ def _near_bounds(scan: Scan, solids: Solids) -> NDArray[np.float64]:
     return near
 
 
-@njit(cache=True)
+@compiled
 def solid_pose_at(solids: Solids, p: int, tau_s: float) -> tuple[float, float, float, float]:
     """(x, y, z, yaw) of a solid at a time relative to the stamp."""
     half = 0.5 * tau_s * tau_s
@@ -96,10 +96,8 @@ def solid_pose_at(solids: Solids, p: int, tau_s: float) -> tuple[float, float, f
     )
 
 
-@njit(cache=True)
-def _column_spans(
-    scan: Scan, solids: Solids, p: int, margin: float, spans: NDArray[np.int64]
-) -> None:
+@compiled
+def _column_spans(scan: Scan, solids: Solids, p: int, margin: float, spans: I64) -> None:
     """Fills up to four column ranges: a moving thing at the seam is met twice, or never.
 
     Its azimuth is looked for from the first column and from the last, and one turn before and
@@ -118,13 +116,13 @@ def _column_spans(
         spans[2, 0] = spans[2, 1] = 0
 
 
-@njit(cache=True)
+@compiled
 def _one_span(
     scan: Scan,
     solids: Solids,
     p: int,
     guess: tuple[int, int, float],
-    span: NDArray[np.int64],
+    span: I64,
 ) -> bool:
     """Fills the range of columns around the column at which the beam meets the moving solid.
 
@@ -154,14 +152,14 @@ def _one_span(
     return spare < first and last < columns - spare
 
 
-@njit(cache=True)
+@compiled
 def _wrapped(angle: float, step: float) -> float:
     """The angle as a way to go in the scan's direction, within one turn."""
     turned = angle % _TURN
     return turned if step > 0.0 else turned - _TURN
 
 
-@njit(cache=True)
+@compiled
 def _stretch(scan: Scan, solids: Solids, p: int) -> float:
     """Factor by which a span widens because things move while the beam passes over them."""
     ends = scan.origin_m[-1] - scan.origin_m[0]
@@ -173,7 +171,7 @@ def _stretch(scan: Scan, solids: Solids, p: int) -> float:
     return float(1.05 + 0.5 * travel / max(np.hypot(dx, dy) - travel, 1.0))
 
 
-@njit(cache=True)
+@compiled
 def _margin(scan: Scan) -> float:
     """Angle by which beams of tilted or staggered rings may leave their column."""
     up = scan.rotation[0, 2, 2]
@@ -182,7 +180,7 @@ def _margin(scan: Scan) -> float:
     return float(tilt * steepest + np.max(np.abs(scan.offset_rad)) + 0.006)
 
 
-@njit(cache=True)
+@compiled
 def _span_at(scan: Scan, solids: Solids, p: int, column: int) -> tuple[float, float]:
     """Sensor azimuths between which a solid lies when column ``column`` fires."""
     x, y, _, yaw = solid_pose_at(solids, p, scan.time_s[column])

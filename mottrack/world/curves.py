@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 
 STEP_M = 0.5
 
@@ -16,9 +17,9 @@ STEP_M = 0.5
 class Curve:
     """A curve sampled every STEP_M metres; ``xy_m[0]`` lies at arc length 0."""
 
-    xy_m: NDArray[np.float64]
+    xy_m: F64
     """(K, 2)"""
-    heading_rad: NDArray[np.float64]
+    heading_rad: F64
     """(K,) continuous, not wrapped."""
 
     @property
@@ -26,7 +27,7 @@ class Curve:
         """Arc length of the last sample."""
         return (len(self.xy_m) - 1) * STEP_M
 
-    def at(self, s_m: NDArray[np.float64], lateral_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, s_m: F64, lateral_m: F64) -> F64:
         """(N, 3) x, y, heading at arc length ``s_m``, ``lateral_m`` to the left."""
         place = np.clip(s_m / STEP_M, 0.0, len(self.xy_m) - 1.0)
         grid = np.arange(len(self.xy_m))
@@ -50,7 +51,7 @@ class Curve:
         return Curve(self.xy_m[first:last].copy(), self.heading_rad[first:last].copy())
 
 
-def curve_through(points_m: NDArray[np.float64]) -> Curve:
+def curve_through(points_m: F64) -> Curve:
     """The curve through (K, 2) dense points, sampled anew by arc length."""
     steps = np.hypot(*np.diff(points_m, axis=0).T)
     length = np.concatenate([[0.0], np.cumsum(steps)])
@@ -60,14 +61,14 @@ def curve_through(points_m: NDArray[np.float64]) -> Curve:
     return Curve(xy, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])))
 
 
-def curve_from_curvature(curvature_per_m: NDArray[np.float64], heading_rad: float) -> Curve:
+def curve_from_curvature(curvature_per_m: F64, heading_rad: float) -> Curve:
     """From the origin, one curvature per step."""
     heading = heading_rad + np.concatenate([[0.0], np.cumsum(curvature_per_m)]) * STEP_M
     step = STEP_M * np.column_stack([np.cos(heading), np.sin(heading)])
     return Curve(np.concatenate([[[0.0, 0.0]], np.cumsum(step[:-1], axis=0)]), heading)
 
 
-def turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def turn(start: F64, end: F64) -> F64:
     """(K, 2) points of a cubic that leaves (x, y, heading) and arrives at (x, y, heading)."""
     reach = 0.42 * np.hypot(*(end[:2] - start[:2])) * 1.1
     a = start[:2] + reach * np.array([np.cos(start[2]), np.sin(start[2])])
@@ -78,9 +79,9 @@ def turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.flo
     return np.asarray(curve)
 
 
-@njit(cache=True)
+@compiled
 def place_beside(
-    xy_m: NDArray[np.float64], heading_rad: NDArray[np.float64], s_m: float, lateral_m: float
+    xy_m: F64, heading_rad: F64, s_m: float, lateral_m: float
 ) -> tuple[float, float, float]:
     """(x, y, heading) of one place beside a sampled curve, as ``Curve.at``."""
     inside = min(max(s_m / STEP_M, 0.0), len(xy_m) - 1.0)
@@ -95,9 +96,9 @@ def place_beside(
 class Paths(NamedTuple):
     """Several curves side by side; named tuple for numba."""
 
-    samples: NDArray[np.float64]
+    samples: F64
     """(K, 4) x, y, heading, curvature of all curves one after another."""
-    start: NDArray[np.int64]
+    start: I64
     """(P + 1,) first row of each curve."""
 
 
@@ -110,7 +111,7 @@ def stack(curves: list[Curve]) -> Paths:
     return Paths(np.concatenate(rows), start.astype(np.int64))
 
 
-@njit(cache=True)
+@compiled
 def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, float]:
     """(x, y, heading, curvature) at arc length ``s_m`` of a path; straight on beyond its ends."""
     first, count = paths.start[path], paths.start[path + 1] - paths.start[path]
@@ -130,7 +131,7 @@ def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, fl
     )
 
 
-@njit(cache=True)
+@compiled
 def sample_smooth(
     paths: Paths, path: int, s_m: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -150,7 +151,7 @@ def sample_smooth(
     return x + beyond * dx, y + beyond * dy, dx, dy, ddx, ddy
 
 
-@njit(cache=True)
+@compiled
 def _hermite(p: float, m: float, q: float, n: float, u: float) -> tuple[float, float, float]:
     """Value and first two derivatives by arc length of the cubic between two samples."""
     rise, bow = 3.0 * (q - p) - 2.0 * m - n, 2.0 * (p - q) + m + n

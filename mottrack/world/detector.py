@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from scipy.stats import beta
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.world.catalogue import KINDS, TRACKED
@@ -33,12 +33,12 @@ _GHOST_QUALITY = (1.6, 4.0)
 class Ghosts:
     """Places where the detector tends to see something that is not there (G of them)."""
 
-    xy_m: NDArray[np.float64]
-    floor_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    label: NDArray[np.str_]
-    rate: NDArray[np.float64]
+    xy_m: F64
+    floor_m: F64
+    yaw_rad: F64
+    size_m: F64
+    label: Texts
+    rate: F64
     """(G,) probability to be reported in a frame, when near."""
 
 
@@ -46,15 +46,15 @@ class Ghosts:
 class Seen:
     """What stands before the detector at one stamp, ego frame; N objects of the known classes."""
 
-    centre_m: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
-    label: NDArray[np.str_]
-    id: NDArray[np.int64]
-    num_points: NDArray[np.int64]
+    centre_m: F64
+    size_m: F64
+    yaw_rad: F64
+    label: Texts
+    id: I64
+    num_points: I64
 
 
-def recall(seen: Seen, config: DetectorConfig) -> NDArray[np.float64]:
+def recall(seen: Seen, config: DetectorConfig) -> F64:
     """(N,) probability that each object is found: falls with range and with few returns."""
     best = np.array([_BEST_RECALL[name] for name in seen.label])
     half = np.array([_POINTS_FOR_HALF[name] for name in seen.label])
@@ -65,7 +65,7 @@ def recall(seen: Seen, config: DetectorConfig) -> NDArray[np.float64]:
     return np.asarray(np.clip(found * config.recall, 0.0, 0.99))
 
 
-def draw_ghosts(rng: np.random.Generator, count: int, places: NDArray[np.float64]) -> Ghosts:
+def draw_ghosts(rng: np.random.Generator, count: int, places: F64) -> Ghosts:
     """Ghosts at ``count`` of the (K, 4) places x, y, floor, yaw."""
     count = min(count, len(places))
     chosen = places[rng.choice(len(places), count, replace=False)] if count else places[:0]
@@ -85,17 +85,15 @@ class Clock:
     seed: int
     stamp_ns: int
 
-    def uniforms(self, identity: NDArray[np.int64], purpose: int) -> NDArray[np.float64]:
+    def uniforms(self, identity: I64, purpose: int) -> F64:
         """(N,) uniform numbers, the same over _STICKY_S for most of the time."""
         block_ns = round(1e9 * _STICKY_S)
         start = np.uint64(self.seed * 64 + purpose)
         return np.asarray(_sticky_uniforms(start, identity, self.stamp_ns, block_ns))
 
 
-@njit(cache=True)
-def _sticky_uniforms(
-    seed: np.uint64, identity: NDArray[np.int64], stamp_ns: int, block_ns: int
-) -> NDArray[np.float64]:
+@compiled
+def _sticky_uniforms(seed: np.uint64, identity: I64, stamp_ns: int, block_ns: int) -> F64:
     out = np.empty(len(identity))
     for i in range(len(identity)):
         own = mix(seed, identity[i])
@@ -106,9 +104,7 @@ def _sticky_uniforms(
     return out
 
 
-def detect(
-    seen: Seen, ghosts: Seen, rates: NDArray[np.float64], config: DetectorConfig, clock: Clock
-) -> Objects:
+def detect(seen: Seen, ghosts: Seen, rates: F64, config: DetectorConfig, clock: Clock) -> Objects:
     """Detections in the ego frame, without velocities, best score first.
 
     The score is the probability that the detection is true, given its quality and all that could
@@ -142,16 +138,16 @@ def detect(
     )
 
 
-def _quality_shape(chance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _quality_shape(chance: F64) -> F64:
     """(2, N) beta parameters of the quality of true detections: easy objects look better."""
     return np.stack([1.5 + 5.0 * chance, np.full(len(chance), 1.8)])
 
 
 def _posterior(
-    quality: NDArray[np.float64],
-    true: tuple[NDArray[np.float64], NDArray[np.float64]],
-    rates: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    quality: F64,
+    true: tuple[F64, F64],
+    rates: F64,
+) -> F64:
     """(D,) P(true | quality) by Bayes over everything that could have been reported."""
     chance, shape = true
     q = np.clip(quality, 1e-6, 1.0 - 1e-6)[:, None]
@@ -161,8 +157,8 @@ def _posterior(
 
 
 def _blurred(
-    seen: Seen, rows: NDArray[np.int64], config: DetectorConfig, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+    seen: Seen, rows: I64, config: DetectorConfig, rng: np.random.Generator
+) -> tuple[F64, F64, F64, Texts]:
     """Centre, size, heading and label with noise that grows as the returns get fewer."""
     size, n = seen.size_m[rows], len(rows)
     few = 1.0 / np.sqrt(np.maximum(seen.num_points[rows], 1))

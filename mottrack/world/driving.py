@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.world.curves import Paths, sample
 from mottrack.world.signals import NO_SIGNAL, Signals, is_green
 from mottrack.world.traffic import Traffic
@@ -27,23 +27,23 @@ _KERB_M = 0.8
 class Actors(NamedTuple):
     """What the simulation knows of N movers; named tuple for numba."""
 
-    path: NDArray[np.int64]
-    size_m: NDArray[np.float64]
-    wish_mps: NDArray[np.float64]
-    lateral_m: NDArray[np.float64]
-    driver: NDArray[np.float64]
-    stop_m: NDArray[np.float64]
-    approach: NDArray[np.int64]
-    towed_by: NDArray[np.int64]
+    path: I64
+    size_m: F64
+    wish_mps: F64
+    lateral_m: F64
+    driver: F64
+    stop_m: F64
+    approach: I64
+    towed_by: I64
 
 
 class Motion(NamedTuple):
     """T steps of N movers, STEP_S apart; within a step the acceleration is constant."""
 
-    s_m: NDArray[np.float64]
+    s_m: F64
     """(T, N) arc length of the rear axle (of the middle where there are no axles)."""
-    speed_mps: NDArray[np.float64]
-    acceleration_mps2: NDArray[np.float64]
+    speed_mps: F64
+    acceleration_mps2: F64
 
 
 def actors_of(traffic: Traffic) -> Actors:
@@ -71,12 +71,12 @@ def simulate(traffic: Traffic, signals: Signals, times_s: tuple[float, float]) -
     return motion
 
 
-@njit(cache=True)
+@compiled
 def _simulate(
     actors: Actors,
     paths: Paths,
     signals: Signals,
-    start: tuple[NDArray[np.float64], NDArray[np.float64]],
+    start: tuple[F64, F64],
     clock: tuple[int, float],
 ) -> Motion:
     steps, begin_s = clock
@@ -103,13 +103,13 @@ def _simulate(
     return motion
 
 
-@njit(cache=True)
+@compiled
 def _place(
     actors: Actors,
     paths: Paths,
-    s: NDArray[np.float64],
-    v: NDArray[np.float64],
-    boxes: NDArray[np.float64],
+    s: F64,
+    v: F64,
+    boxes: F64,
 ) -> None:
     """Fills (N, 6): x, y, heading, half length, half width, speed."""
     for i in range(len(s)):
@@ -121,11 +121,11 @@ def _place(
         boxes[i, 3], boxes[i, 4] = 0.5 * actors.size_m[i, 0], 0.5 * actors.size_m[i, 1]
 
 
-@njit(cache=True)
+@compiled
 def _acceleration(
     actors: Actors,
     paths: Paths,
-    boxes: NDArray[np.float64],
+    boxes: F64,
     i: int,
     state: tuple[float, float, bool],
 ) -> float:
@@ -146,10 +146,8 @@ def _acceleration(
     return float(_following(driver, (v, max(wish, 0.3)), (gap, leader)))
 
 
-@njit(cache=True)
-def _following(
-    driver: NDArray[np.float64], speed: tuple[float, float], ahead: tuple[float, float]
-) -> float:
+@compiled
+def _following(driver: F64, speed: tuple[float, float], ahead: tuple[float, float]) -> float:
     """IDM, eq. (2) and (3) of the paper: a [1 - (v/v0)^4 - (s*/s)^2]."""
     v, wish = speed
     gap, leader = ahead
@@ -160,7 +158,7 @@ def _following(
     return float(max(a * (free - brake), -_HARDEST_MPS2))
 
 
-@njit(cache=True)
+@compiled
 def _bend_speed(paths: Paths, path: int, state: tuple[float, float, float]) -> float:
     """The wished speed, lowered so that bends within braking distance are taken gently."""
     s, v, wish = state
@@ -173,11 +171,11 @@ def _bend_speed(paths: Paths, path: int, state: tuple[float, float, float]) -> f
     return wish
 
 
-@njit(cache=True)
+@compiled
 def _gap_ahead(
     actors: Actors,
     paths: Paths,
-    boxes: NDArray[np.float64],
+    boxes: F64,
     i: int,
     view: tuple[float, float],
 ) -> tuple[float, float]:
@@ -203,11 +201,11 @@ def _gap_ahead(
     return best, leader
 
 
-@njit(cache=True)
+@compiled
 def _first_inside(
     paths: Paths,
     actors: Actors,
-    box: NDArray[np.float64],
+    box: F64,
     view: tuple[int, float, float, float],
 ) -> tuple[float, float]:
     """(way until the own path enters a box, heading there); inf if it does not."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.pose import Pose
 from mottrack.world.states import traffic_states
 from mottrack.world.terrain import heights_at
@@ -15,7 +15,7 @@ from mottrack.world.world import World
 _HALF_TRACK_M = 0.8
 
 
-def ego_posture(world: World, time_s: float) -> NDArray[np.float64]:
+def ego_posture(world: World, time_s: float) -> F64:
     """(6,) x, y, z, yaw, pitch, roll of the ego frame: rear axle, on the ground.
 
     The body follows the ground under the four wheels, squats under acceleration, leans in bends
@@ -36,7 +36,7 @@ def ego_posture(world: World, time_s: float) -> NDArray[np.float64]:
     return np.array([rear[0], rear[1], 0.5 * (z[0] + z[1]), yaw, pitch, roll])
 
 
-def _settled(world: World, wheels_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _settled(world: World, wheels_m: F64) -> F64:
     """(4,) ground heights at the wheels, smoothed over a tyre's and a spring's reach."""
     ring = 0.5 * np.array(
         [[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [2, 0], [-2, 0], [0, 2], [0, -2]]
@@ -45,7 +45,7 @@ def _settled(world: World, wheels_m: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(heights_at(world.terrain, around).reshape(4, -1).mean(axis=1))
 
 
-def rotations(posture: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotations(posture: F64) -> F64:
     """(N, 3, 3) rotations of (N, 6) postures: yaw, then pitch, then roll."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(posture[:, 3:].T), np.sin(posture[:, 3:].T)
     rows = [
@@ -56,7 +56,7 @@ def rotations(posture: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
-def pose_of(posture: NDArray[np.float64]) -> Pose:
+def pose_of(posture: F64) -> Pose:
     """``world_T_ego`` of a (6,) posture."""
     return Pose(rotations(posture[None])[0], posture[:3])
 
@@ -75,9 +75,7 @@ class PoseError:
     """Error of the speed that motion compensation uses, as a share."""
 
 
-def odometry(
-    true: NDArray[np.float64], error: PoseError, rng: np.random.Generator, time_s: float
-) -> Pose:
+def odometry(true: F64, error: PoseError, rng: np.random.Generator, time_s: float) -> Pose:
     """``world_T_ego`` as the vehicle believes it, for a true (6,) posture."""
     phase = np.array([0.0, 1.3, 2.1, 0.7, 1.9, 2.9])
     drift = np.sin(0.31 * time_s + phase) - np.sin(phase)

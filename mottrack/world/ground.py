@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I8
 from mottrack.world.curves import STEP_M, place_beside
 from mottrack.world.materials import ASPHALT, CONCRETE, GRASS
 from mottrack.world.roads import Road, RoadNetwork
@@ -32,9 +32,7 @@ def lay_ground(rng: np.random.Generator, network: RoadNetwork, extent: Extent) -
     return Terrain(height.astype(np.float32), surface, frame, STEEPEST + 0.02)
 
 
-def _waves(
-    rng: np.random.Generator, x: NDArray[np.float64], y: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _waves(rng: np.random.Generator, x: F64, y: F64) -> F64:
     """(H, W) a tilted plane and four long waves, together within STEEPEST."""
     slope, downhill = STEEPEST * float(rng.beta(1.0, 2.5)) * 0.6, rng.uniform(-np.pi, np.pi)
     height = slope * (np.cos(downhill) * x[None, :] + np.sin(downhill) * y[:, None])
@@ -47,12 +45,12 @@ def _waves(
     return np.asarray(height)
 
 
-@njit(cache=True)
+@compiled
 def _add_waves(
-    height: NDArray[np.float64],
-    size_m: NDArray[np.float64],
-    along: tuple[NDArray[np.float64], NDArray[np.float64]],
-    across: tuple[NDArray[np.float64], NDArray[np.float64]],
+    height: F64,
+    size_m: F64,
+    along: tuple[F64, F64],
+    across: tuple[F64, F64],
 ) -> None:
     """Adds waves sin(u + v) from the sines and cosines of u and v.
 
@@ -66,7 +64,7 @@ def _add_waves(
                 height[row, col] += c * along[0][k, col] + s * along[1][k, col]
 
 
-def _surfaces(network: RoadNetwork, extent: Extent, shape: tuple[int, int]) -> NDArray[np.int8]:
+def _surfaces(network: RoadNetwork, extent: Extent, shape: tuple[int, int]) -> I8:
     surface = np.full(shape, GRASS, dtype=np.int8)
     for road in network.roads:
         _paint(surface, extent, road, (road.profile.half_m, CONCRETE))
@@ -75,21 +73,19 @@ def _surfaces(network: RoadNetwork, extent: Extent, shape: tuple[int, int]) -> N
     return surface
 
 
-def _paint(
-    surface: NDArray[np.int8], extent: Extent, road: Road, stroke: tuple[float, int]
-) -> None:
+def _paint(surface: I8, extent: Extent, road: Road, stroke: tuple[float, int]) -> None:
     """Paints a stroke of half width and material along a road."""
     half, material = stroke
     steps = np.arange(-half, half, 0.6 * CELL_M)
     _paint_stroke(surface, road.centre.xy_m, road.centre.heading_rad, steps, (*extent, material))
 
 
-@njit(cache=True)
+@compiled
 def _paint_stroke(
-    surface: NDArray[np.int8],
-    xy_m: NDArray[np.float64],
-    heading_rad: NDArray[np.float64],
-    across_m: NDArray[np.float64],
+    surface: I8,
+    xy_m: F64,
+    heading_rad: F64,
+    across_m: F64,
     brush: tuple[float, float, float, float, int],
 ) -> None:
     x_min, x_max, y_min, y_max, material = brush

@@ -7,7 +7,8 @@ Each function returns (near, far, cosine): the two ray parameters and the cosine
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from mottrack.compiled import compiled
 
 MISS = (np.inf, -np.inf, 0.0)
 _TINY = 1e-12
@@ -16,7 +17,7 @@ Vector = tuple[float, float, float]
 Hit = tuple[float, float, float]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def clip_slab(hit: Hit, offset: float, slope: float, half_m: float) -> Hit:
     """Clips the part ``near .. far`` of a ray to |offset + t slope| <= half_m."""
     near, far, cosine = hit
@@ -27,7 +28,7 @@ def clip_slab(hit: Hit, offset: float, slope: float, half_m: float) -> Hit:
     return near, min(far, middle + width), cosine
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def hit_box(
     origin: Vector, direction: Vector, half_m: Vector, chamfer_m: tuple[float, float]
 ) -> Hit:
@@ -45,7 +46,7 @@ def hit_box(
     return hit
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _clip_upright_edges(hit: Hit, origin: Vector, direction: Vector, reach_m: float) -> Hit:
     """|x| + |y| <= reach_m: the box loses its four upright edges."""
     half = reach_m * _SQRT_HALF
@@ -56,7 +57,7 @@ def _clip_upright_edges(hit: Hit, origin: Vector, direction: Vector, reach_m: fl
     return hit
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _clip_upper_edges(
     hit: Hit,
     origin: Vector,
@@ -75,7 +76,7 @@ def _clip_upper_edges(
     return hit
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def hit_ellipsoid(origin: Vector, direction: Vector, half_m: Vector) -> Hit:
     """Ray against an ellipsoid centred at the origin."""
     a = b = c = 0.0
@@ -90,7 +91,7 @@ def hit_ellipsoid(origin: Vector, direction: Vector, half_m: Vector) -> Hit:
     return near, far, _ellipsoid_cosine(origin, direction, half_m, near)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _ellipsoid_cosine(
     origin: Vector,
     direction: Vector,
@@ -105,7 +106,7 @@ def _ellipsoid_cosine(
     return float(abs(dot) / np.sqrt(norm))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def hit_cylinder(origin: Vector, direction: Vector, half_m: Vector) -> Hit:
     """Ray against an upright elliptic cylinder centred at the origin."""
     a = b = c = 0.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F64, Mask
 
 (
     PLAIN,
@@ -28,19 +29,19 @@ from numpy.typing import NDArray
 class Materials(NamedTuple):
     """Table of M materials, named tuple of arrays for numba."""
 
-    opacity: NDArray[np.float64]
+    opacity: F64
     """(M,) share of beams that the outer surface sends back."""
-    density_per_m: NDArray[np.float64]
+    density_per_m: F64
     """(M,) inside, the rate of the exponential free path of beams that got in."""
-    clumped: NDArray[np.bool_]
+    clumped: Mask
     """(M,) whether the density inside varies from place to place, as leaves do."""
-    window_pitch_m: NDArray[np.float64]
+    window_pitch_m: F64
     """(M,) distance of the windows of a facade; 0: none."""
-    window_share: NDArray[np.float64]
+    window_share: F64
     """(M,) width of a window over the pitch."""
-    mirror: NDArray[np.float64]
+    mirror: F64
     """(M,) share of beams lost by mirroring, most of all at a slant."""
-    speckle: NDArray[np.float64]
+    speckle: F64
     """(M,) relative spread of the reflectance from point to point."""
 
 

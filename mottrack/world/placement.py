@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F64, I64, Mask
 
 _SLACK_M = 0.15
 
 
-def first_come(
-    place: NDArray[np.float64], size_m: NDArray[np.float64], together: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def first_come(place: F64, size_m: F64, together: I64) -> Mask:
     """(N,) who stays: each unless it overlaps somebody before it who stays.
 
     Footprints are taken as three circles along their length.
@@ -29,9 +28,7 @@ def first_come(
     return keep
 
 
-def _circles(
-    place: NDArray[np.float64], size_m: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _circles(place: F64, size_m: F64) -> tuple[F64, F64]:
     """(N, 3, 2) middles and (N,) radius of three circles along each footprint."""
     radius = 0.55 * size_m[:, 1]
     reach = np.maximum(0.5 * size_m[:, 0] - radius, 0.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from mottrack.compiled import compiled
 from mottrack.world.hashing import mix, unit
 from mottrack.world.intersect import Vector
 
@@ -25,7 +25,7 @@ class Chord(NamedTuple):
     leave_m: float
 
 
-@njit(cache=True)
+@compiled
 def _clump(origin: Vector, direction: Vector, t: float) -> float:
     """Relative density at a place: leaves hang in clumps, fixed in the solid's frame."""
     i = int(np.floor((origin[0] + t * direction[0]) / _CLUMP_M))
@@ -35,7 +35,7 @@ def _clump(origin: Vector, direction: Vector, t: float) -> float:
     return float(_CLUMP_PEAK * u * np.sqrt(u))
 
 
-@njit(cache=True)
+@compiled
 def inside_return(
     leaves: tuple[float, bool], chord: Chord, origin: Vector, direction: Vector, limit_m: float
 ) -> float:
@@ -64,7 +64,7 @@ def inside_return(
     return np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def window_return(
     windows: tuple[float, float], chord: Chord, origin: Vector, direction: Vector, cosine: float
 ) -> tuple[float, float]:

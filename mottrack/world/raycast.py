@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I16, I64
 from mottrack.world.culling import Candidates, Scan, find_candidates, solid_pose_at
 from mottrack.world.hashing import mix, unit
 from mottrack.world.intersect import (
@@ -46,11 +46,11 @@ class World(NamedTuple):
 class Returns(NamedTuple):
     """What each beam met, (C, R) arrays; range is inf where it met nothing."""
 
-    range_m: NDArray[np.float64]
-    solid: NDArray[np.int64]
+    range_m: F64
+    solid: I64
     """Row of the solid met, ``GROUND``, or below where nothing was met."""
-    material: NDArray[np.int16]
-    cosine: NDArray[np.float64]
+    material: I16
+    cosine: F64
     """Cosine of incidence; 0 for a beam that was mirrored away."""
 
 
@@ -61,7 +61,7 @@ def cast(scan: Scan, world: World, seed: int) -> Returns:
     return returns
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _cast(scan: Scan, world: World, candidates: Candidates, seed: np.uint64) -> Returns:
     columns, rings = len(scan.time_s), len(scan.elevation_rad)
     returns = Returns(
@@ -88,15 +88,15 @@ def _cast(scan: Scan, world: World, candidates: Candidates, seed: np.uint64) -> 
     return returns
 
 
-@njit(cache=True)
-def _columns_of_beams(offset_rad: NDArray[np.float64]) -> NDArray[np.int64]:
+@compiled
+def _columns_of_beams(offset_rad: F64) -> I64:
     """(R,) which of the beams stand over each other: equal numbers, equal azimuth."""
     different = np.unique(np.rint(offset_rad * 2000.0))
     return np.searchsorted(different, np.rint(offset_rad * 2000.0)).astype(np.int64)
 
 
-@njit(cache=True)
-def _beams(scan: Scan) -> NDArray[np.float64]:
+@compiled
+def _beams(scan: Scan) -> F64:
     """(R, 4) cosine and sine of the elevation and of the azimuth offset of each beam."""
     beams = np.empty((len(scan.elevation_rad), 4))
     beams[:, 0], beams[:, 1] = np.cos(scan.elevation_rad), np.sin(scan.elevation_rad)
@@ -104,10 +104,8 @@ def _beams(scan: Scan) -> NDArray[np.float64]:
     return beams
 
 
-@njit(cache=True)
-def _directions(
-    scan: Scan, beams: NDArray[np.float64], column: int, rays: NDArray[np.float64]
-) -> None:
+@compiled
+def _directions(scan: Scan, beams: F64, column: int, rays: F64) -> None:
     """Fills (R, 6): direction of each beam in the world; x, y and climb per metre of way."""
     ca, sa = np.cos(scan.azimuth_rad[column]), np.sin(scan.azimuth_rad[column])
     r = scan.rotation[column]
@@ -122,8 +120,8 @@ def _directions(
             rays[ring, 3 + axis] = rays[ring, axis] * per_metre
 
 
-@njit(cache=True)
-def _describe(world: World) -> NDArray[np.float64]:
+@compiled
+def _describe(world: World) -> F64:
     """(P, _FIELDS) what the beams of any column need to know of each solid, side by side."""
     solids, materials = world.solids, world.materials
     table = np.empty((len(solids.kind), _FIELDS))
@@ -147,13 +145,13 @@ def _describe(world: World) -> NDArray[np.float64]:
     return table
 
 
-@njit(cache=True)
+@compiled
 def _enter_frames(
     scan: Scan,
     solids: Solids,
-    chosen: NDArray[np.int64],
+    chosen: I64,
     column: int,
-    table: NDArray[np.float64],
+    table: F64,
 ) -> None:
     """Completes the rows of the chosen solids by where the sensor is in their frames."""
     time, sensor, rates = scan.time_s[column], scan.origin_m[column], solids.yaw_rate_radps
@@ -170,13 +168,13 @@ def _enter_frames(
         row[_FIRST], row[_LAST] = max(away - radius, 0.0), away + radius
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _first_solids(
-    near: NDArray[np.float64],
-    chosen: NDArray[np.int64],
-    rays: NDArray[np.float64],
+    near: F64,
+    chosen: I64,
+    rays: F64,
     seed: np.uint64,
-    met: NDArray[np.float64],
+    met: F64,
 ) -> None:
     """Fills (R, 4) per beam: range, cosine, the solid met first, its material.
 
@@ -197,8 +195,8 @@ def _first_solids(
             ring += 1
 
 
-@njit(cache=True)
-def _disorder(rays: NDArray[np.float64]) -> float:
+@compiled
+def _disorder(rays: F64) -> float:
     """By how much a beam climbs less than one below it, as those of a tilted sensor do."""
     slack, most = 0.0, -np.inf
     for ring in range(len(rays)):
@@ -207,8 +205,8 @@ def _disorder(rays: NDArray[np.float64]) -> float:
     return slack
 
 
-@njit(cache=True)
-def _first_beam(rays: NDArray[np.float64], climb: float) -> int:
+@compiled
+def _first_beam(rays: F64, climb: float) -> int:
     """A beam below which none climbs ``climb``, by halving; right up to the disorder."""
     low, high = 0, len(rays)
     while low < high:
@@ -220,7 +218,7 @@ def _first_beam(rays: NDArray[np.float64], climb: float) -> int:
     return low
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _climbs(height: float, top: float, first: float, last: float) -> tuple[float, float]:
     """Climbs per metre between which a beam can meet a solid ``first`` to ``last`` metres away.
 
@@ -232,13 +230,13 @@ def _climbs(height: float, top: float, first: float, last: float) -> tuple[float
     return min(below / first, below / last), max(above / first, above / last)
 
 
-@njit(cache=True)
+@compiled
 def _keep_nearest(
     terrain: Terrain,
-    sensor_m: NDArray[np.float64],
-    rays: NDArray[np.float64],
-    stands: NDArray[np.int64],
-    met: NDArray[np.float64],
+    sensor_m: F64,
+    rays: F64,
+    stands: I64,
+    met: F64,
 ) -> None:
     """Replaces what lies behind the ground by the ground."""
     heights, surface = terrain.height_m, terrain.surface
@@ -255,10 +253,8 @@ def _keep_nearest(
                 met[ring, 3] = surface_at(surface, terrain.frame, x, y)
 
 
-@njit(cache=True, error_model="numpy")
-def _meet(
-    near: NDArray[np.float64], i: int, key: np.uint64, beam: tuple[Vector, float]
-) -> tuple[float, float]:
+@compiled(error_model="numpy")
+def _meet(near: F64, i: int, key: np.uint64, beam: tuple[Vector, float]) -> tuple[float, float]:
     """(range, cosine) at which a beam comes back from one candidate; range inf if it does not."""
     ray, best = beam
     c, s = near[i, _TURN], near[i, _TURN + 1]
@@ -280,8 +276,8 @@ def _meet(
     return np.inf, 0.0
 
 
-@njit(cache=True, error_model="numpy")
-def _geometry(near: NDArray[np.float64], i: int, origin: Vector, direction: Vector) -> Hit:
+@compiled(error_model="numpy")
+def _geometry(near: F64, i: int, origin: Vector, direction: Vector) -> Hit:
     half = (near[i, _HALF], near[i, _HALF + 1], near[i, _HALF + 2])
     kind = int(near[i, _KIND])
     if kind == BOX:
@@ -293,7 +289,7 @@ def _geometry(near: NDArray[np.float64], i: int, origin: Vector, direction: Vect
     return hit
 
 
-def owners(returns: Returns, solids: Solids) -> NDArray[np.int64]:
+def owners(returns: Returns, solids: Solids) -> I64:
     """(C, R) row of the mover that each beam met, BACKGROUND elsewhere."""
     met = returns.solid >= 0
     return np.where(met, solids.owner[np.where(met, returns.solid, 0)], BACKGROUND)

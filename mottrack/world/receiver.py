@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.world.culling import Scan
 from mottrack.world.hashing import bell, mix, unit
 from mottrack.world.materials import Materials
@@ -34,13 +34,13 @@ class Receiver(NamedTuple):
 class Points(NamedTuple):
     """N reported points."""
 
-    column: NDArray[np.int64]
-    ring: NDArray[np.int64]
-    range_m: NDArray[np.float64]
-    reflectance: NDArray[np.float32]
+    column: I64
+    ring: I64
+    range_m: F64
+    reflectance: F32
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def receive(
     scan: Scan, returns: Returns, surface: tuple[Solids, Materials], receiver: Receiver, seed: int
 ) -> Points:
@@ -81,7 +81,7 @@ def receive(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def _report(
     range_m: float,
     cosine: float,
@@ -103,19 +103,19 @@ def _report(
     return range_m + noise * bell(mix(key, 4)), min(max(shine, 0.0), 1.0)
 
 
-@njit(cache=True)
+@compiled
 def _ground_albedo(material: int) -> float:
     """Asphalt is dark; what stands out from it is brighter."""
     return _GROUND_ALBEDO + 0.05 * (material % 3)
 
 
-@njit(cache=True)
-def _smear(range_m: NDArray[np.float64], column: int, ring: int, share: float) -> float:
+@compiled
+def _smear(range_m: F64, column: int, ring: int, share: float) -> float:
     """A beam split by an edge reports a range between the two surfaces, if they are close."""
     gap = range_m[min(column + 1, range_m.shape[0] - 1), ring] - range_m[column, ring]
     return share * gap if abs(gap) < _EDGE_M else 0.0
 
 
-def is_ground(returns: Returns, points: Points) -> NDArray[np.bool_]:
+def is_ground(returns: Returns, points: Points) -> Mask:
     """(N,) whether each reported point lies on the ground."""
     return np.asarray(returns.solid[points.column, points.ring] == GROUND)

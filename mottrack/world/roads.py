@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.world.curves import (
     STEP_M,
     Curve,
@@ -129,7 +129,7 @@ def _road(rng: np.random.Generator, profile: Profile, line: tuple[float, float, 
     return Road(curve_through(points), back.length_m, profile)
 
 
-def _curvature(rng: np.random.Generator, reach_m: float, bend_per_m: float) -> NDArray[np.float64]:
+def _curvature(rng: np.random.Generator, reach_m: float, bend_per_m: float) -> F64:
     """Straight near the origin, then bends that come and go smoothly."""
     s = np.arange(0.0, reach_m, STEP_M)
     knots = np.arange(0.0, reach_m + 60.0, 60.0)

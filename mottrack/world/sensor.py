@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import unknown_name
 
 
@@ -19,9 +19,9 @@ class SensorModel:
     """
 
     name: str
-    elevation_rad: NDArray[np.float64]
+    elevation_rad: F64
     """(R,) elevations, lowest first."""
-    offset_rad: NDArray[np.float64]
+    offset_rad: F64
     """(R,) azimuth of each beam relative to its column."""
     columns: int
     """Firings in one turn."""
@@ -40,11 +40,11 @@ class SensorModel:
     """Azimuth of the first column."""
 
 
-def _degrees(*values: float) -> NDArray[np.float64]:
+def _degrees(*values: float) -> F64:
     return np.asarray(np.deg2rad(values))
 
 
-def _fan(rings: int, low_deg: float, high_deg: float, focus: float = 0.0) -> NDArray[np.float64]:
+def _fan(rings: int, low_deg: float, high_deg: float, focus: float = 0.0) -> F64:
     """Elevations from low to high; ``focus`` > 0 crowds them around the horizon."""
     u = np.linspace(0.0, 1.0, rings)
     horizon = -low_deg / (high_deg - low_deg) * 0.9
@@ -53,14 +53,14 @@ def _fan(rings: int, low_deg: float, high_deg: float, focus: float = 0.0) -> NDA
     return np.deg2rad(low_deg + (high_deg - low_deg) * np.sort(skew))
 
 
-def _two_blocks() -> NDArray[np.float64]:
+def _two_blocks() -> F64:
     """32 beams in thirds of a degree above 32 in halves, as on the 64-beam roof sensors."""
     lower = np.linspace(-24.33, -8.83, 32)
     upper = np.linspace(-8.33, 2.0, 32)
     return np.asarray(np.deg2rad(np.concatenate([lower, upper])))
 
 
-def _stagger(rings: int, span_deg: float, period: int = 4) -> NDArray[np.float64]:
+def _stagger(rings: int, span_deg: float, period: int = 4) -> F64:
     """Azimuth offsets of beams that do not stand in one line."""
     place = (np.arange(rings) % period) / max(period - 1, 1) - 0.5
     return np.asarray(np.deg2rad(span_deg) * place)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64
 
 NO_SIGNAL = -1
 
@@ -14,14 +15,14 @@ NO_SIGNAL = -1
 class Signals(NamedTuple):
     """Cyclic plan; named tuple for numba. The last phase belongs to those who walk."""
 
-    green_s: NDArray[np.float64]
+    green_s: F64
     """(A + 1,) green of each approach, then of the crossings."""
     clear_s: float
     """All red after each green."""
     shift_s: float
 
 
-@njit(cache=True)
+@compiled
 def is_green(signals: Signals, approach: int, time_s: float) -> bool:
     """Whether ``approach`` may go at ``time_s``."""
     cycle = signals.green_s.sum() + len(signals.green_s) * signals.clear_s

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F64, I8, I16, I64, Mask
 
 BOX, CYLINDER, ELLIPSOID = 0, 1, 2
 BACKGROUND = -1
@@ -19,27 +20,27 @@ class Solids(NamedTuple):
     ``yaw(tau) = yaw + yaw_rate tau`` hold to a millimetre.
     """
 
-    kind: NDArray[np.int8]
+    kind: I8
     """(P,) BOX, CYLINDER (upright, elliptic) or ELLIPSOID."""
-    centre_m: NDArray[np.float64]
+    centre_m: F64
     """(P, 3) middle of the solid."""
-    half_m: NDArray[np.float64]
+    half_m: F64
     """(P, 3) half extents along its own axes."""
-    yaw_rad: NDArray[np.float64]
+    yaw_rad: F64
     """(P,) heading of its x axis."""
-    chamfer_m: NDArray[np.float64]
+    chamfer_m: F64
     """(P, 2) of a box: cut off the upright edges, cut off the front and rear upper edges."""
-    velocity_mps: NDArray[np.float64]
+    velocity_mps: F64
     """(P, 3)"""
-    acceleration_mps2: NDArray[np.float64]
+    acceleration_mps2: F64
     """(P, 3)"""
-    yaw_rate_radps: NDArray[np.float64]
+    yaw_rate_radps: F64
     """(P,)"""
-    material: NDArray[np.int16]
+    material: I16
     """(P,) row of the material table."""
-    albedo: NDArray[np.float64]
+    albedo: F64
     """(P,) diffuse reflectivity in [0, 1]."""
-    owner: NDArray[np.int64]
+    owner: I64
     """(P,) row of the mover that it belongs to, BACKGROUND for the static world."""
 
 
@@ -47,7 +48,7 @@ class SolidsBuilder:
     """Collects resting solids one by one or by the row."""
 
     def __init__(self) -> None:
-        self._rows: list[NDArray[np.float64]] = []
+        self._rows: list[F64] = []
 
     def add(
         self,
@@ -96,7 +97,7 @@ def concatenate(parts: Sequence[Solids]) -> Solids:
     return Solids(*together)
 
 
-def select(solids: Solids, index: NDArray[np.bool_] | NDArray[np.int64]) -> Solids:
+def select(solids: Solids, index: Mask | I64) -> Solids:
     """The solids that a mask or an index picks."""
     picked: list[Any] = [array[index] for array in solids]
     return Solids(*picked)

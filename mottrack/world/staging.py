@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.world.bodies import Troupe
 from mottrack.world.solids import Solids
 from mottrack.world.states import States
 
 
-def stage(troupe: Troupe, states: States, floor_m: NDArray[np.float64]) -> Solids:
+def stage(troupe: Troupe, states: States, floor_m: F64) -> Solids:
     """The movers' solids in the world, with the motion that the scan needs.
 
     Args:
@@ -39,7 +39,7 @@ def stage(troupe: Troupe, states: States, floor_m: NDArray[np.float64]) -> Solid
     )
 
 
-def _swing(troupe: Troupe, states: States) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _swing(troupe: Troupe, states: States) -> tuple[F64, F64]:
     """(P,) forward shift of swinging parts and its rate of change."""
     who = troupe.solids.owner
     wave = np.where(troupe.stride_m > 0, 2.0 * np.pi / np.maximum(troupe.stride_m, 0.1), 0.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.world.curves import Paths, sample_smooth
 from mottrack.world.driving import STEP_S, Motion
 from mottrack.world.traffic import Traffic
@@ -16,16 +16,16 @@ from mottrack.world.traffic import Traffic
 class States(NamedTuple):
     """N movers at one time, world frame; ``xy_m`` is the middle of the footprint."""
 
-    xy_m: NDArray[np.float64]
-    lift_m: NDArray[np.float64]
+    xy_m: F64
+    lift_m: F64
     """(N,) height of the underside over the ground."""
-    yaw_rad: NDArray[np.float64]
-    velocity_mps: NDArray[np.float64]
+    yaw_rad: F64
+    velocity_mps: F64
     """(N, 3)"""
-    acceleration_mps2: NDArray[np.float64]
+    acceleration_mps2: F64
     """(N, 3)"""
-    yaw_rate_radps: NDArray[np.float64]
-    way_m: NDArray[np.float64]
+    yaw_rate_radps: F64
+    way_m: F64
     """(N,) way gone, which sets the phase of legs."""
 
 
@@ -34,7 +34,7 @@ def join(first: States, second: States) -> States:
     return States(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
 
 
-def resting(xy_m: NDArray[np.float64], yaw_rad: NDArray[np.float64]) -> States:
+def resting(xy_m: F64, yaw_rad: F64) -> States:
     """Movers that stand still on the ground."""
     n = len(xy_m)
     none, nothing = np.zeros((n, 3)), np.zeros(n)
@@ -60,7 +60,7 @@ def traffic_states(traffic: Traffic, motion: Motion, since_s: float) -> States:
     )
 
 
-def _habits(traffic: Traffic) -> NDArray[np.float64]:
+def _habits(traffic: Traffic) -> F64:
     """(N, 5): middle ahead of the axle, lateral place, sway amplitude, wave number, phase."""
     sway = traffic.sway
     wave = 2.0 * np.pi / np.maximum(sway[:, 1], 1.0)
@@ -69,13 +69,13 @@ def _habits(traffic: Traffic) -> NDArray[np.float64]:
     )
 
 
-@njit(cache=True)
+@compiled
 def _bodies(
     paths: Paths,
-    path: NDArray[np.int64],
-    progress: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
-    habits: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    path: I64,
+    progress: tuple[F64, F64, F64],
+    habits: F64,
+) -> F64:
     """(N, 8): x, y, yaw, vx, vy, ax, ay, yaw rate of bodies whose rear axle follows a path."""
     way, pace, push = progress
     out = np.empty((len(path), 8))

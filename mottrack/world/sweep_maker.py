@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.sweep import Sweep
 from mottrack.world import raycast
 from mottrack.world.culling import Scan
@@ -26,12 +26,12 @@ _MIN_RANGE_M = 1.5
 class PointTruth:
     """What each of the N points of a sweep belongs to, in the order of the points."""
 
-    object_id: NDArray[np.int64]
+    object_id: I64
     """(N,) identity as in Truth, -1 for ground and static background."""
-    velocity_mps: NDArray[np.float32]
+    velocity_mps: F32
     """(N, 2) velocity of the rigid object at that point (turning included, legs not), over the
     ground, in the axes of the sweep's ego frame, at the sweep's stamp; 0 for background."""
-    is_ground: NDArray[np.bool_]
+    is_ground: Mask
     """(N,) whether the point lies on the ground (road, pavement, grass)."""
 
 
@@ -51,20 +51,20 @@ class Rig:
 
 
 @dataclass(frozen=True)
-class Shot:
+class ScanResult:
     """A sweep with its truth."""
 
     sweep: Sweep
     truth: PointTruth
     states: States
     """All movers at the stamp, world frame."""
-    count: NDArray[np.int64]
+    count: I64
     """(N movers,) returns on each."""
-    posture: NDArray[np.float64]
+    posture: F64
     """(6,) true posture of the ego vehicle at the stamp."""
 
 
-def shoot(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) -> Shot:
+def scan(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) -> ScanResult:
     """The sweep whose turn ends at ``time_s``, which is its stamp.
 
     Args:
@@ -91,7 +91,7 @@ def shoot(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) -
     ground = is_ground(returns, points)
     truth = PointTruth(owner, _velocities(sweep, owner, states, posture), ground)
     count = np.bincount(owner[owner >= 0], minlength=len(world.label))
-    return Shot(sweep, truth, states, count, posture)
+    return ScanResult(sweep, truth, states, count, posture)
 
 
 def _scan(world: World, rig: Rig, time_s: float) -> Scan:
@@ -119,7 +119,7 @@ def _scan(world: World, rig: Rig, time_s: float) -> Scan:
 def _sweep(
     scan: Scan,
     points: Points,
-    state: tuple[NDArray[np.float64], Rig, np.random.Generator],
+    state: tuple[F64, Rig, np.random.Generator],
     time_s: float,
 ) -> Sweep:
     """Points in the ego frame at the stamp, moved there by a slightly wrong odometry."""
@@ -140,10 +140,8 @@ def _sweep(
     )
 
 
-@njit(cache=True)
-def _to_ego(
-    scan: Scan, points: Points, place_m: NDArray[np.float64], turn: NDArray[np.float64]
-) -> NDArray[np.float64]:
+@compiled
+def _to_ego(scan: Scan, points: Points, place_m: F64, turn: F64) -> F64:
     """(N, 3) reported points in the ego frame at the stamp."""
     out = np.empty((len(points.column), 3))
     rings = np.empty((len(scan.elevation_rad), 2))
@@ -162,18 +160,14 @@ def _to_ego(
     return out
 
 
-@njit(cache=True, inline="always")
-def _turned(
-    rotation: NDArray[np.float64], c: int, axis: int, ray: tuple[float, float, float]
-) -> float:
+@compiled(inline="always")
+def _turned(rotation: F64, c: int, axis: int, ray: tuple[float, float, float]) -> float:
     """One coordinate of a direction turned by the rotation of a column."""
     level = rotation[c, axis, 0] * ray[0] + rotation[c, axis, 1] * ray[1]
     return float(level + rotation[c, axis, 2] * ray[2])
 
 
-def _velocities(
-    sweep: Sweep, owner: NDArray[np.int64], states: States, posture: NDArray[np.float64]
-) -> NDArray[np.float32]:
+def _velocities(sweep: Sweep, owner: I64, states: States, posture: F64) -> F32:
     """(N, 2) rigid velocity of each point in ego axes."""
     c, s = np.cos(posture[3]), np.sin(posture[3])
     out = np.zeros((len(owner), 2))

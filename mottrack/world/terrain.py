@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I8, I64
 from mottrack.world.intersect import Vector
 
 _STRIDE_M = 0.5
@@ -19,17 +19,17 @@ Frame = tuple[float, float, float]
 class Terrain(NamedTuple):
     """Heights on a square grid, interpolated bilinearly; named tuple for numba."""
 
-    height_m: NDArray[np.float32]
+    height_m: F32
     """(H, W) height of the grid points, row along y."""
-    surface: NDArray[np.int8]
+    surface: I8
     """(H, W) material around each grid point."""
     frame: Frame
     slope: float
     """Bound on the slope, kerbs apart."""
 
 
-@njit(cache=True, inline="always")
-def height_at(height_m: NDArray[np.float32], frame: Frame, x_m: float, y_m: float) -> float:
+@compiled(inline="always")
+def height_at(height_m: F32, frame: Frame, x_m: float, y_m: float) -> float:
     """Height of the ground; beyond the grid that of its edge."""
     u = min(max((x_m - frame[0]) * frame[2], 0.0), height_m.shape[1] - 1.001)
     v = min(max((y_m - frame[1]) * frame[2], 0.0), height_m.shape[0] - 1.001)
@@ -40,8 +40,8 @@ def height_at(height_m: NDArray[np.float32], frame: Frame, x_m: float, y_m: floa
     return float(low + (high - low) * v)
 
 
-@njit(cache=True)
-def heights_at(terrain: Terrain, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+@compiled
+def heights_at(terrain: Terrain, xy_m: F64) -> F64:
     """(N,) heights of the ground at (N, 2) points."""
     out = np.empty(len(xy_m))
     for i in range(len(xy_m)):
@@ -49,21 +49,21 @@ def heights_at(terrain: Terrain, xy_m: NDArray[np.float64]) -> NDArray[np.float6
     return out
 
 
-@njit(cache=True)
+@compiled
 def height_here(terrain: Terrain, x_m: float, y_m: float) -> float:
     """Height of the ground at one point."""
     return float(height_at(terrain.height_m, terrain.frame, x_m, y_m))
 
 
-@njit(cache=True, inline="always")
-def surface_at(surface: NDArray[np.int8], frame: Frame, x_m: float, y_m: float) -> int:
+@compiled(inline="always")
+def surface_at(surface: I8, frame: Frame, x_m: float, y_m: float) -> int:
     """Material of the ground at a point."""
     col = min(max(int((x_m - frame[0]) * frame[2] + 0.5), 0), surface.shape[1] - 1)
     row = min(max(int((y_m - frame[1]) * frame[2] + 0.5), 0), surface.shape[0] - 1)
     return int(surface[row, col])
 
 
-@njit(cache=True)
+@compiled
 def touches(terrain: Terrain, material: int, xy_m: tuple[float, float], reach_m: float) -> bool:
     """Whether a material lies at a point or ``reach_m`` from it along an axis."""
     x, y = xy_m
@@ -74,14 +74,14 @@ def touches(terrain: Terrain, material: int, xy_m: tuple[float, float], reach_m:
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def ground_walk(
-    height_m: NDArray[np.float32],
+    height_m: F32,
     frame: Frame,
-    sensor_m: NDArray[np.float64],
-    rays: NDArray[np.float64],
-    choice: tuple[NDArray[np.int64], int, NDArray[np.float64]],
-) -> NDArray[np.float64]:
+    sensor_m: F64,
+    rays: F64,
+    choice: tuple[I64, int, F64],
+) -> F64:
     """(R,) range at which each beam goes under ground, inf if not before its limit.
 
     Beams over each other share one section through the ground, sampled every _STRIDE_M and more
@@ -117,9 +117,9 @@ def ground_walk(
     return hits
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@compiled(error_model="numpy", inline="always")
 def ground_cosine(
-    height_m: NDArray[np.float32], frame: Frame, xy_m: tuple[float, float], direction: Vector
+    height_m: F32, frame: Frame, xy_m: tuple[float, float], direction: Vector
 ) -> float:
     """Cosine of incidence of a ray on the ground at a point, by the slope of its cell."""
     rows, cols = height_m.shape

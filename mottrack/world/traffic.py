@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.world.catalogue import KINDS, draw_size
 from mottrack.world.curves import Paths, stack
 from mottrack.world.placement import first_come
@@ -37,24 +37,24 @@ class Density:
 class Traffic:
     """N movers that follow routes; row 0 is the ego vehicle."""
 
-    label: NDArray[np.str_]
-    size_m: NDArray[np.float64]
+    label: Texts
+    size_m: F64
     """(N, 3)"""
-    path: NDArray[np.int64]
+    path: I64
     """(N,) route that it follows."""
-    start_m: NDArray[np.float64]
+    start_m: F64
     """(N,) arc length of its reference point at time 0."""
-    speed_mps: NDArray[np.float64]
+    speed_mps: F64
     """(N,) at time 0."""
-    wish: NDArray[np.float64]
+    wish: F64
     """(N,) wished speed over the limit of the route."""
-    lateral_m: NDArray[np.float64]
+    lateral_m: F64
     """(N,) to the left of the route."""
-    sway: NDArray[np.float64]
+    sway: F64
     """(N, 3) amplitude in metres, wave length in metres, phase."""
-    driver: NDArray[np.float64]
+    driver: F64
     """(N, 5) acceleration, braking, gap, headway, distance of the axles."""
-    towed_by: NDArray[np.int64]
+    towed_by: I64
     """(N,) the mover that pulls it, -1 for all but trailers."""
     paths: Paths
     routes: tuple[Route, ...]

@@ -11,7 +11,7 @@ from mottrack.config import StrictModel
 from mottrack.core.sweep import Sweep
 from mottrack.world.ego import PoseError
 from mottrack.world.sensor import random_sensor
-from mottrack.world.sweep_maker import PointTruth, Rig, shoot
+from mottrack.world.sweep_maker import PointTruth, Rig, scan
 from mottrack.world.traffic import Density
 from mottrack.world.world import World, WorldPlan, build_world
 
@@ -59,8 +59,8 @@ def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -
     interval = float(rng.choice(config.intervals_s))
     world = _world(rng, interval)
     rig = _rig(np.random.default_rng(_source(seed, index, _RIG)), config, interval)
-    first = shoot(world, rig, 0.0, _source(seed, index, _FIRST))
-    second = shoot(world, rig, interval, _source(seed, index, _SECOND))
+    first = scan(world, rig, 0.0, _source(seed, index, _FIRST))
+    second = scan(world, rig, interval, _source(seed, index, _SECOND))
     return TrainingPair(first.sweep, second.sweep, second.truth, first.truth)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, Texts
 from mottrack.world.roads import RoadNetwork
 from mottrack.world.states import States
 
@@ -19,13 +19,13 @@ _SPEEDS = {"animal": (0.5, 5.0), "ball": (3.0, 10.0), "debris": (0.0, 4.0)}
 class Strays:
     """N movers on circles at constant speed; balls bounce on the way."""
 
-    label: NDArray[np.str_]
-    size_m: NDArray[np.float64]
-    start: NDArray[np.float64]
+    label: Texts
+    size_m: F64
+    start: F64
     """(N, 3) x, y, heading at time 0."""
-    speed_mps: NDArray[np.float64]
-    yaw_rate_radps: NDArray[np.float64]
-    bounce_mps: NDArray[np.float64]
+    speed_mps: F64
+    yaw_rate_radps: F64
+    bounce_mps: F64
     """(N,) upward speed at each bounce."""
 
     def states(self, time_s: float) -> States:
@@ -48,9 +48,7 @@ class Strays:
             self.speed_mps * time_s,
         )
 
-    def _flight(
-        self, time_s: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _flight(self, time_s: float) -> tuple[F64, F64, F64]:
         """Height, climb rate and vertical acceleration of what bounces."""
         flies = self.bounce_mps > 0
         period = np.where(flies, 2.0 * self.bounce_mps / _GRAVITY_MPS2, 1.0)

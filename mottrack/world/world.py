@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, Texts
 from mottrack.world import street
 from mottrack.world.bodies import Body, Troupe, gather, make_body
 from mottrack.world.driving import Motion, simulate
@@ -53,19 +53,19 @@ class World:
     strays: Strays
     troupe: Troupe
     """Bodies of all movers but the ego vehicle, which the sensor on its roof does not see."""
-    label: NDArray[np.str_]
-    size_m: NDArray[np.float64]
+    label: Texts
+    size_m: F64
 
     def states(self, time_s: float) -> States:
         """All movers at a time of the scene."""
         driven = traffic_states(self.traffic, self.motion, time_s + self.warm_up_s)
         return join(join(driven, self.parked), self.strays.states(time_s))
 
-    def floor_m(self, states: States) -> NDArray[np.float64]:
+    def floor_m(self, states: States) -> F64:
         """(N,) height of each mover's underside in the world."""
         return np.asarray(heights_at(self.terrain, states.xy_m) + states.lift_m)
 
-    def solids(self, time_s: float, near_xy_m: NDArray[np.float64], reach_m: float) -> Solids:
+    def solids(self, time_s: float, near_xy_m: F64, reach_m: float) -> Solids:
         """Everything within ``reach_m`` of a place, at a time."""
         states = self.states(time_s)
         moving = stage(self.troupe, states, self.floor_m(states))

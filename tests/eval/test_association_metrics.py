@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mottrack.core.errors import InputError
 from mottrack.eval import clear, hota, identity
-from mottrack.eval.pairs import Pairs, Side, centre_distance, find_pairs
+from mottrack.eval.pairs import BoxStream, Pairs, centre_distance, find_pairs
 
 Rows = list[tuple[int, int, float]]
 """Frame, identity, position along x."""
@@ -17,7 +17,7 @@ def pairs_of(truth: Rows, tracks: Rows, frames: int) -> Pairs:
     sides = []
     for rows in (truth, tracks):
         values = np.array(sorted(rows), np.float64).reshape(-1, 3)
-        side = Side(values[:, 0].astype(np.int64), values[:, 1].astype(np.int64))
+        side = BoxStream(values[:, 0].astype(np.int64), values[:, 1].astype(np.int64))
         sides.append((side, np.column_stack([values[:, 2], np.zeros(len(values))])))
     measure = centre_distance(sides[0][1], sides[1][1], 2.0)
     return find_pairs(sides[0][0], sides[1][0], frames, measure)
@@ -95,4 +95,4 @@ def test_nothing_at_all_and_rows_out_of_order() -> None:
     assert hota.hota(hota.hota_counts(empty)).as_dict()["hota"] == 0.0
     assert clear_of(pairs_of([(0, 1, 0.0)], [], 1)).misses == 1
     with pytest.raises(InputError, match="sorted by frame"):
-        Side(np.array([1, 0]), np.array([0, 0]))
+        BoxStream(np.array([1, 0]), np.array([0, 0]))

@@ -5,10 +5,19 @@ import pytest
 from scipy.stats import t as student_t
 
 from mottrack.eval.nuscenes.bootstrap import draw
-from mottrack.eval.paired import FigureKey, Ratio, Sum, Variance, Worst, paired, sample, t_interval
+from mottrack.eval.paired import (
+    MetricKey,
+    Ratio,
+    Sum,
+    TailMean,
+    Variance,
+    paired,
+    sample,
+    t_interval,
+)
 from mottrack.eval.velocity_error import error_row
 
-KEY = FigureKey("velocity", "all", "mean", "m/s")
+KEY = MetricKey("velocity", "all", "mean", "m/s")
 
 
 def _difference(a: np.ndarray, b: np.ndarray, resamples: int = 2000):
@@ -49,9 +58,9 @@ def test_nineteen_of_twenty_intervals_hold_the_truth_even_with_five_scenes() -> 
 def test_what_is_equal_in_every_scene_is_no_difference_and_one_scene_has_no_interval() -> None:
     a = np.array([1.0, 2.0, 4.0])
     same = _difference(a, a)
-    assert (same.low, same.high, same.real, same.better) == (0.0, 0.0, False, None)
+    assert (same.low, same.high, same.significant, same.better) == (0.0, 0.0, False, None)
     constant = _difference(a, a - 1.0)
-    assert constant.real
+    assert constant.significant
     assert constant.better
     alone = _difference(a[:1], a[:1] - 1.0)
     assert np.isnan([alone.low, alone.high]).all()
@@ -77,7 +86,7 @@ def test_every_figure_of_a_resample_is_that_of_the_copied_scenes() -> None:
         "mean": Ratio(total, count),
         "rms": Ratio(squares, count, root=True),
         "variance": Variance(total, squares, count),
-        "worst": Worst.of(parts),
+        "worst": TailMean.of(parts),
         "sum": Sum(total),
     }
     drawn = {name: figure.values(weights) for name, figure in figures.items()}
@@ -94,7 +103,7 @@ def test_every_figure_of_a_resample_is_that_of_the_copied_scenes() -> None:
 
 
 def test_lower_or_higher_is_better_by_the_figure() -> None:
-    higher = FigureKey("tracking", "all", "AMOTA", lower_is_better=False)
+    higher = MetricKey("tracking", "all", "AMOTA", lower_is_better=False)
     weights = draw(6, 300)
     rng = np.random.default_rng(0)
     base = rng.random(6)

@@ -10,7 +10,7 @@ import pytest
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.flow.cluster_icp import ClusterIcpConfig, ClusterIcpFlow
-from mottrack.flow.stages import Stages, StagesConfig, silence_unseen
+from mottrack.flow.stages import Stages, StagesConfig, mask_occluded
 from mottrack.lidar.visibility import OCCUPIED, UNSEEN
 
 GRID = BevGrid(cell_m=0.5)
@@ -111,7 +111,7 @@ def test_what_comes_out_of_hiding_keeps_a_velocity_that_names_its_earlier_place(
     said = replace(blank, velocity_mps=velocity_mps, valid=occupied)
     seen_before = np.full(GRID.shape, UNSEEN, np.int8)
     seen_before[row[1], col[1]] = OCCUPIED
-    left = silence_unseen(said, seen_before, 0.1)
+    left = mask_occluded(said, seen_before, 0.1)
     assert left.valid[row[0], col[0]] == kept
     assert left.velocity_mps[row[0], col[0], 0] == (speed_mps if kept else 0.0)
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from mottrack.eval.nuscenes.bootstrap import draw
-from mottrack.eval.paired import FigureKey, Paired, Ratio, sample
+from mottrack.eval.paired import MetricKey, PairedDifference, Ratio, sample
 from mottrack.formats.text_table import to_latex
 from mottrack.paper.claims import Claim, Finding, claims, judge
 from mottrack.paper.plan import Study
 from mottrack.paper.published import NONE, PILLARFLOW, TABLE_IV, TABLE_V, TABLES
 from mottrack.paper.results import StudyResult, _times
 from mottrack.paper.tables import claim_table, number_table, paper_table
-from mottrack.runs.differences import Sampling
+from mottrack.runs.differences import Resamples
 
-KEY = FigureKey("velocity", "static objects", "mean", "m/s")
+KEY = MetricKey("velocity", "static objects", "mean", "m/s")
 NAN = float("nan")
 
 
@@ -26,9 +26,9 @@ def claim(*, lower: bool = True, published: tuple[float, float] | None = (0.48, 
     return Claim("IV", "Table IV", "velocity", "static", KEY, PILLARFLOW, NONE, lower, published)
 
 
-def found(low: float, high: float, scenes: int = 9) -> Paired:
+def found(low: float, high: float, scenes: int = 9) -> PairedDifference:
     middle = 0.0 if low != low else (low + high) / 2
-    return Paired(KEY, 1.0, 1.0 + middle, low, high, scenes)
+    return PairedDifference(KEY, 1.0, 1.0 + middle, low, high, scenes)
 
 
 @pytest.mark.parametrize(
@@ -59,9 +59,9 @@ def test_the_papers_own_figures_reproduce_every_claim() -> None:
     for one in listed:
         subject, rival = one.published
         gain = subject - rival
-        ours = Paired(one.key, rival, subject, *sorted((gain, gain / 2)), 9)
+        ours = PairedDifference(one.key, rival, subject, *sorted((gain, gain / 2)), 9)
         assert judge(one, ours) == "reproduced"
-        swapped = Paired(one.key, subject, rival, *sorted((-gain, -gain / 2)), 9)
+        swapped = PairedDifference(one.key, subject, rival, *sorted((-gain, -gain / 2)), 9)
         assert judge(one, swapped) == "reversed"
 
 
@@ -87,7 +87,7 @@ def test_slow_objects_and_amotp_go_the_way_the_paper_prints() -> None:
     assert len(by_text) == len(claims())
 
 
-def study(figures: dict[str, float], key: FigureKey, scenes: int = 6) -> StudyResult:
+def study(figures: dict[str, float], key: MetricKey, scenes: int = 6) -> StudyResult:
     rng = np.random.default_rng(0)
     weights = draw(scenes, 200)
     noise = rng.normal(0, 0.01, scenes)
@@ -96,7 +96,7 @@ def study(figures: dict[str, float], key: FigureKey, scenes: int = 6) -> StudyRe
         for variant, level in figures.items()
     }
     names = tuple(f"s{k}" for k in range(scenes))
-    return StudyResult(Study("velocity", "world", "World", ()), Sampling(names, sampled), {}, {})
+    return StudyResult(Study("velocity", "world", "World", ()), Resamples(names, sampled), {}, {})
 
 
 def test_a_table_shows_ours_beside_the_papers_and_what_was_not_measured() -> None:

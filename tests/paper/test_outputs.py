@@ -17,7 +17,7 @@ from mottrack.paper.published import NONE, TABLES
 from mottrack.paper.recorded import spread
 from mottrack.paper.results import Results, StudyResult
 from mottrack.paper.studies import studies
-from mottrack.runs.differences import Sampling
+from mottrack.runs.differences import Resamples
 
 SCENES = 5
 
@@ -54,7 +54,7 @@ def results() -> Results:
     scenes = tuple(f"s{k}" for k in range(SCENES))
     return Results(
         tuple(
-            StudyResult(Study(name, "world", "<World>", ()), Sampling(scenes, runs), {}, {})
+            StudyResult(Study(name, "world", "<World>", ()), Resamples(scenes, runs), {}, {})
             for name, runs in figures.items()
         )
     )

@@ -11,7 +11,7 @@ import pytest
 import mottrack
 from mottrack import Pipeline, Pose, VelocityMeasurement
 from mottrack.core import ConfigError, Frame, InputError, Sweep, TrackTable
-from mottrack.core.faults import FLOW_FAULTS, SOUND
+from mottrack.core.velocity_errors import FLOW_ERRORS, NO_OUTLIERS
 from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.pipeline.stream import joined
@@ -134,23 +134,23 @@ def test_a_velocity_that_comes_with_a_detection_reaches_the_tracker_beside_the_f
 
 
 def test_velocities_of_two_sources_are_joined_and_one_alone_keeps_its_faults() -> None:
-    flow = RADAR.with_faults(FLOW_FAULTS)
+    flow = RADAR.with_error_model(FLOW_ERRORS)
     both = joined(RADAR, flow)
     np.testing.assert_allclose(both.covariance_m2ps2, RADAR.covariance_m2ps2 / 2)
-    assert both.faults == SOUND
+    assert both.error_model == NO_OUTLIERS
     nothing = VelocityMeasurement.absent(1)
     assert joined(None, flow) is joined(nothing, flow) is flow
-    assert joined(RADAR, nothing.with_faults(FLOW_FAULTS)) is RADAR
+    assert joined(RADAR, nothing.with_error_model(FLOW_ERRORS)) is RADAR
     first, second = (
         VelocityMeasurement(
             np.repeat(RADAR.mean_mps, 2, axis=0),
             np.repeat(RADAR.covariance_m2ps2, 2, axis=0),
             np.array(valid),
-            faults,
+            error_model,
         )
-        for valid, faults in (([True, False], SOUND), ([True, True], FLOW_FAULTS))
+        for valid, error_model in (([True, False], NO_OUTLIERS), ([True, True], FLOW_ERRORS))
     )
-    assert joined(first, second).faults == FLOW_FAULTS
+    assert joined(first, second).error_model == FLOW_ERRORS
 
 
 @pytest.mark.parametrize("flow", ["zero", "icp_one_start", "dogma"])

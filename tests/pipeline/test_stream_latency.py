@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import InputError
-from mottrack.core.timing import part_of_stage
+from mottrack.core.timing import timed
 from mottrack.pipeline.latency import LatencyLog
 from mottrack.pipeline.stopwatch import Stopwatch
 
@@ -62,7 +62,7 @@ def test_a_rate_that_is_none_is_refused(rate_hz: float) -> None:
 
 
 def test_a_part_is_timed_inside_the_stage_that_calls_it_and_nowhere_else() -> None:
-    @part_of_stage("ground")
+    @timed("ground")
     def ground() -> int:
         time.sleep(0.002)
         return 7

@@ -2,7 +2,7 @@ import numpy as np
 
 from mottrack.core import SceneResult
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
-from mottrack.eval.scores import Cut, ScoreConfig, scene_scores
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_scores
 from mottrack.report.analysis import Analysis
 from mottrack.report.scene_errors import NOBODY, scene_errors
 from mottrack.runs.comparison import Comparison
@@ -48,7 +48,7 @@ def scene() -> SceneResult:
 
 
 def test_every_error_is_named_by_its_kind() -> None:
-    found = scene_errors(scene(), [Cut("car")], ScoreConfig())
+    found = scene_errors(scene(), [ScoreFilter("car")], ScoreConfig())
     assert [(e.frame, e.kind, e.detail, e.truth_id, e.track_id) for e in found] == [
         (0, "miss", "late start", 1, NOBODY),
         (2, "miss", "never found", 2, NOBODY),

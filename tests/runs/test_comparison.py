@@ -46,15 +46,15 @@ def test_runs_are_paired_over_the_scenes_that_both_have(comparison: Comparison) 
 
 
 def test_any_run_can_be_the_baseline_but_it_must_exist(comparison: Comparison) -> None:
-    contenders = [run.contender() for run in comparison.runs]
-    found = find_differences(contenders, "ground_truth")
+    run_inputs = [run.run_input() for run in comparison.runs]
+    found = find_differences(run_inputs, "ground_truth")
     assert [(p.baseline, p.run) for p in found] == [("ground_truth", "zero")]
     with pytest.raises(ConfigError, match="did you mean 'ground_truth'"):
         check_baseline([run.experiment for run in comparison.runs], "ground_truht")
 
 
 def test_one_scene_gets_no_interval_and_other_data_no_difference(comparison: Comparison) -> None:
-    first, second = (run.contender() for run in comparison.runs)
+    first, second = (run.run_input() for run in comparison.runs)
     (alone,) = find_differences([replace(first, finished=("a",)), second], None)
     assert {verdict(row) for row in alone.rows} == {"one scene"}
     assert find_differences([first, replace(second, dataset="kitti")], None) == ()

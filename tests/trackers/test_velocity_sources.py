@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from mottrack.core.errors import InputError
-from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.motion import VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects
 from mottrack.core.pose import Pose
+from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.trackers import KalmanTracker
 
 
@@ -85,7 +85,7 @@ def test_a_car_measured_to_stand_still_is_not_stopped(preset: str) -> None:
         for k in range(4):
             speed = np.array([[measured if k == 0 else 9.0, 0.0]])
             velocity = VelocityMeasurement(
-                speed, 0.1 * np.eye(2)[None], np.ones(1, bool), FLOW_FAULTS
+                speed, 0.1 * np.eye(2)[None], np.ones(1, bool), FLOW_ERRORS
             )
             objects = parked_or_passing(velocity, k * 5 * 10**8)
             moved = Pose.from_yaw(0.0, (4.5 * k, 0.0, 0.0))
@@ -100,7 +100,7 @@ def test_a_velocity_out_of_this_world_is_left_alone() -> None:
     tracker, plain = KalmanTracker(), KalmanTracker()
     for k in range(3):
         speed = np.full((1, 2), 500.0)
-        absurd = VelocityMeasurement(speed, np.eye(2)[None], np.ones(1, bool), FLOW_FAULTS)
+        absurd = VelocityMeasurement(speed, np.eye(2)[None], np.ones(1, bool), FLOW_ERRORS)
         objects = parked_or_passing(absurd, k * 10**8)
         a = tracker.step(k * 10**8, objects)
         b = plain.step(k * 10**8, objects.with_velocity(None))
@@ -116,7 +116,7 @@ def test_a_parked_car_stands_with_the_flow_that_says_so() -> None:
     with_flow, without = [], []
     for k in range(12):
         rest = VelocityMeasurement(
-            rng.normal(0.0, 0.1, (1, 2)), 0.02 * np.eye(2)[None], np.ones(1, bool), FLOW_FAULTS
+            rng.normal(0.0, 0.1, (1, 2)), 0.02 * np.eye(2)[None], np.ones(1, bool), FLOW_ERRORS
         )
         place = Pose.from_yaw(0.0, (*rng.normal(0.0, 0.2, 2), 0.0))
         objects = parked_or_passing(rest, k * 5 * 10**8).transformed(place, "world")

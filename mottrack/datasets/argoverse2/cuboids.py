@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Pose, TruthTable
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
 from mottrack.datasets.argoverse2.config import Argoverse2Config
 from mottrack.datasets.argoverse2.feather import (
@@ -27,7 +27,7 @@ from mottrack.datasets.tables import DetectionTable, to_world
 _CUBOID = ("timestamp_ns", *SIZE, *POSE)
 
 
-def annotation_stamps(path: Path) -> NDArray[np.int64]:
+def annotation_stamps(path: Path) -> I64:
     """Return the annotated times in nanoseconds, ascending."""
     columns = read_columns(path, ("timestamp_ns",))
     return np.unique(require_integers(path, columns, "timestamp_ns"))
@@ -116,16 +116,14 @@ def _at_frames(path: Path, columns: Columns, stamps: list[int]) -> Columns:
     return kept | {"frame": frame[rows].astype(np.int64)}
 
 
-def _in_world(
-    columns: Columns, poses: list[Pose]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _in_world(columns: Columns, poses: list[Pose]) -> tuple[F64, F64]:
     values = stacked(columns, POSE)
     w, x, y, z = values[:, :4].T
     yaw_rad = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return to_world(values[:, 4:], yaw_rad, columns["frame"], poses)
 
 
-def _labels(category: NDArray[np.str_], config: Argoverse2Config) -> NDArray[np.str_]:
+def _labels(category: Texts, config: Argoverse2Config) -> Texts:
     names = [config.class_map.get(str(c), str(c).lower()) for c in category]
     return np.array(names, dtype=np.str_)
 
@@ -143,7 +141,7 @@ def _check(path: Path, columns: Columns) -> None:
     refuse(path, columns["category"] == "", "category", columns["category"], "a name")
 
 
-def _check_unique(path: Path, columns: Columns, identity: NDArray[np.int64]) -> None:
+def _check_unique(path: Path, columns: Columns, identity: I64) -> None:
     rows = np.flatnonzero(repeated_rows(np.column_stack([columns["frame"], identity])))
     if rows.size:
         row = rows[0]

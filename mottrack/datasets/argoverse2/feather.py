@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.feather
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import DataError
 from mottrack.datasets.faults import NonFiniteError
 from mottrack.datasets.files import read_bytes
@@ -65,7 +66,7 @@ def _column(path: Path, values: Any, name: str, *, text: bool) -> NDArray[Any]:
     return array
 
 
-def require_integers(path: Path, columns: Columns, name: str) -> NDArray[np.int64]:
+def require_integers(path: Path, columns: Columns, name: str) -> I64:
     """Return a column of integers; raise DataError for fractions and what 64 bits can't hold."""
     if columns[name].dtype.kind not in "iu":
         raise DataError(path, name, str(columns[name].dtype), "integers")
@@ -74,12 +75,12 @@ def require_integers(path: Path, columns: Columns, name: str) -> NDArray[np.int6
     return columns[name].astype(np.int64)
 
 
-def stacked(columns: Columns, names: tuple[str, ...]) -> NDArray[np.float64]:
+def stacked(columns: Columns, names: tuple[str, ...]) -> F64:
     """Return (N, len(names)) float64."""
     return np.column_stack([columns[name].astype(np.float64) for name in names])
 
 
-def refuse(path: Path, wrong: NDArray[np.bool_], name: str, value: Any, expected: str) -> None:
+def refuse(path: Path, wrong: Mask, name: str, value: Any, expected: str) -> None:
     """Raise DataError for the first row where `wrong`; `value` is the column or its rows."""
     rows = np.flatnonzero(wrong)
     if rows.size:

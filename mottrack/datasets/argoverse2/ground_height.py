@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64
 from mottrack.core.errors import DataError
 from mottrack.datasets.files import read_bytes
 
@@ -21,12 +21,12 @@ class GroundHeight:
     height_m: (H, W) raster, NaN where unknown; rows follow the city's y, columns its x.
     """
 
-    height_m: NDArray[np.float32]
-    rotation: NDArray[np.float64]
-    translation: NDArray[np.float64]
+    height_m: F32
+    rotation: F64
+    translation: F64
     scale: float
 
-    def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, xy_m: F64) -> F64:
         """Return the height (N,) at (N, 2) places of the world; NaN outside the map."""
         cell = np.floor(self.scale * (xy_m @ self.rotation.T + self.translation)).astype(int)
         column, row = cell.T
@@ -54,7 +54,7 @@ def read_ground_height(folder: Path) -> GroundHeight | None:
     return GroundHeight(_raster(rasters[0]), *_transform(transforms[0]))
 
 
-def _raster(path: Path) -> NDArray[np.float32]:
+def _raster(path: Path) -> F32:
     try:
         values = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
@@ -64,7 +64,7 @@ def _raster(path: Path) -> NDArray[np.float32]:
     return np.asarray(values, dtype=np.float32)
 
 
-def _transform(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def _transform(path: Path) -> tuple[F64, F64, float]:
     try:
         values: dict[str, Any] = orjson.loads(read_bytes(path))
         rotation = np.array(values["R"], dtype=np.float64).reshape(2, 2)

@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.arrays import F64
 from mottrack.datasets.argoverse2.config import CLASSES, Argoverse2Config
 from mottrack.datasets.argoverse2.cuboids import (
     annotation_stamps,
@@ -72,7 +72,7 @@ class Argoverse2Scene:
         path = self._folder / "sensors" / "lidar" / f"{stamp_ns}.feather"
         return read_sweep(path, stamp_ns, self._poses[index], self._origin_m)
 
-    def ground_height(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def ground_height(self, xy_m: F64) -> F64:
         """Return the map's height (N,) in metres at (N, 2) places of the world; NaN: unknown."""
         return np.full(len(xy_m), np.nan) if self._ground is None else self._ground.at(xy_m)
 

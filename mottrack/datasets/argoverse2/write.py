@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.feather
-from numpy.typing import NDArray
 
 from mottrack.core import Frame, Objects, Pose, Scene, Sweep, Truth
+from mottrack.core.arrays import F64, Texts
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.argoverse2.config import CLASS_MAP
 from mottrack.datasets.argoverse2.feather import POSE, SIZE
@@ -105,11 +105,11 @@ def _schema(texts: tuple[str, ...], numbers: tuple[str, ...], counts: tuple[str,
     return pa.schema(fields + [(name, pa.int64()) for name in counts])
 
 
-def _categories(labels: NDArray[np.str_]) -> list[str]:
+def _categories(labels: Texts) -> list[str]:
     return [CATEGORY_OF.get(str(label), str(label).upper()) for label in labels]
 
 
-def _cuboids(boxes: Truth | Objects, frame: Frame) -> dict[str, NDArray[np.float64]]:
+def _cuboids(boxes: Truth | Objects, frame: Frame) -> dict[str, F64]:
     ego = boxes.transformed(frame.world_T_ego.inverse(), "ego")
     values = np.hstack([ego.size_m, yaw_quaternions(ego.yaw_rad), ego.centre_m])
     return {name: values[:, i] for i, name in enumerate(_CUBOID)}
@@ -121,11 +121,11 @@ def _poses(frames: list[Frame]) -> pa.Table:
     return pa.table(stamps | {name: values[:, i] for i, name in enumerate(POSE)})
 
 
-def _pose_row(pose: Pose) -> NDArray[np.float64]:
+def _pose_row(pose: Pose) -> F64:
     return np.concatenate([quaternion_wxyz(pose.rotation), pose.translation_m])
 
 
-def _mounting(origin_m: NDArray[np.float64]) -> pa.Table:
+def _mounting(origin_m: F64) -> pa.Table:
     values = np.concatenate([[1.0, 0.0, 0.0, 0.0], origin_m])
     columns = {name: [value] for name, value in zip(POSE, values, strict=True)}
     return pa.table({"sensor_name": ["up_lidar"]} | columns)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import Pose, TruthTable
+from mottrack.core.arrays import F64
 from mottrack.datasets.faults import OutOfOrderError
 from mottrack.datasets.files import Column, check_boxes, read_table, refuse_rows, repeated_rows
 from mottrack.datasets.kinematics import centred_velocities
@@ -94,9 +95,7 @@ def _in_frames(path: Path, table: Columns, poses: Mapping[int, Pose]) -> Columns
     return {name: values[order] for name, values in (table | {"frame": frame}).items()}
 
 
-def _placed(
-    table: Columns, poses: Mapping[int, Pose]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _placed(table: Columns, poses: Mapping[int, Pose]) -> tuple[F64, F64, F64]:
     centre = np.column_stack([table["x"], table["y"], table["z"]])
     size = np.column_stack([table["length"], table["width"], table["height"]])
     return (*to_world(centre, table["yaw"], table["frame"], list(poses.values())), size)

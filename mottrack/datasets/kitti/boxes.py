@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Pose
+from mottrack.core.arrays import F64
 
 
 @dataclass(frozen=True)
@@ -25,18 +25,18 @@ class CameraBoxes:
     ry_rad: (N,) rotation about the camera's y axis, in [-pi, pi).
     """
 
-    bottom_m: NDArray[np.float64]
-    size_hwl_m: NDArray[np.float64]
-    ry_rad: NDArray[np.float64]
+    bottom_m: F64
+    size_hwl_m: F64
+    ry_rad: F64
 
 
 @dataclass(frozen=True)
 class EgoBoxes:
     """N boxes in the ego frame: centre_m (N, 3), size_m (N, 3) as l, w, h, yaw_rad (N,)."""
 
-    centre_m: NDArray[np.float64]
-    size_m: NDArray[np.float64]
-    yaw_rad: NDArray[np.float64]
+    centre_m: F64
+    size_m: F64
+    yaw_rad: F64
 
 
 def camera_to_ego(boxes: CameraBoxes, ego_T_camera: Pose) -> EgoBoxes:
@@ -61,7 +61,7 @@ def ego_to_camera(boxes: EgoBoxes, ego_T_camera: Pose) -> CameraBoxes:
     )
 
 
-def _turned(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(angle_rad: F64) -> F64:
     """-angle - pi/2 in [-pi, pi): its own inverse."""
-    turned: NDArray[np.float64] = np.mod(-angle_rad + np.pi / 2.0, 2.0 * np.pi) - np.pi
+    turned: F64 = np.mod(-angle_rad + np.pi / 2.0, 2.0 * np.pi) - np.pi
     return turned

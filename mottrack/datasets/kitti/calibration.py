@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Pose
+from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError
 from mottrack.datasets.files import read_text
 from mottrack.datasets.rigid import rigid_pose
@@ -57,7 +57,7 @@ def read_calibration(path: Path) -> Calibration:
     return Calibration(camera_T_ego.inverse(), ego_T_imu, _field_of_view(path, matrices["P2"]))
 
 
-def _field_of_view(path: Path, projection: NDArray[np.float64]) -> tuple[float, float]:
+def _field_of_view(path: Path, projection: F64) -> tuple[float, float]:
     """Azimuths of the image's edges, the image taken as symmetric about the principal point.
 
     KITTI's images are cut to slightly different widths that no text file records; twice the
@@ -70,8 +70,8 @@ def _field_of_view(path: Path, projection: NDArray[np.float64]) -> tuple[float, 
     return -half, half
 
 
-def _read_matrices(path: Path) -> dict[str, NDArray[np.float64]]:
-    matrices: dict[str, NDArray[np.float64]] = {}
+def _read_matrices(path: Path) -> dict[str, F64]:
+    matrices: dict[str, F64] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         key, _, values = line.strip().partition(" ")
         name = _NAMES.get(key.rstrip(":"))
@@ -83,7 +83,7 @@ def _read_matrices(path: Path) -> dict[str, NDArray[np.float64]]:
     return matrices
 
 
-def _parse_matrix(path: Path, where: str, text: str, count: int) -> NDArray[np.float64]:
+def _parse_matrix(path: Path, where: str, text: str, count: int) -> F64:
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError as error:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.datasets.files import Column, check_boxes, read_table, refuse_rows, repeated_rows
 from mottrack.datasets.kitti.boxes import CameraBoxes
 
@@ -43,9 +44,9 @@ class LabelledBoxes:
     boxes: in the rectified camera frame.
     """
 
-    frame: NDArray[np.int64]
-    track: NDArray[np.int64]
-    kind: NDArray[np.str_]
+    frame: I64
+    track: I64
+    kind: Texts
     boxes: CameraBoxes
 
 
@@ -53,9 +54,9 @@ class LabelledBoxes:
 class DetectedBoxes:
     """N rows of a detection file: frame (N,), type name (N,), score (N,) and camera boxes."""
 
-    frame: NDArray[np.int64]
-    kind: NDArray[np.str_]
-    score: NDArray[np.float64]
+    frame: I64
+    kind: Texts
+    score: F64
     boxes: CameraBoxes
 
 

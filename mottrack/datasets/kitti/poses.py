@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import Pose
+from mottrack.core.arrays import F64
 from mottrack.datasets.faults import MissingError
 from mottrack.datasets.files import MAX_ANGLE_RAD, Column, read_table, refuse_rows
 from mottrack.datasets.kitti.calibration import Calibration
@@ -79,18 +80,18 @@ def _one_row_a_frame(path: Path, table: dict[str, NDArray[Any]]) -> dict[str, ND
     return table
 
 
-def _mercator(table: dict[str, NDArray[Any]]) -> NDArray[np.float64]:
+def _mercator(table: dict[str, NDArray[Any]]) -> F64:
     lat, lon = np.radians(table["lat"]), np.radians(table["lon"])
     scale = np.cos(lat[0]) * EARTH_RADIUS_M
     north = scale * np.log(np.tan(np.pi / 4.0 + lat / 2.0))
     return np.column_stack([scale * lon, north, table["alt"]])
 
 
-def _rotation(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+def _rotation(roll: float, pitch: float, yaw: float) -> F64:
     """Rz(yaw) Ry(pitch) Rx(roll), yaw counted from east, counter-clockwise."""
     (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    turned: NDArray[np.float64] = about_z @ about_y @ about_x
+    turned: F64 = about_z @ about_y @ about_x
     return turned

@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.arrays import Texts
 from mottrack.datasets.faults import MissingError
 from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.kitti.boxes import camera_to_ego
@@ -153,6 +153,6 @@ class KittiScene:
         table = DetectionTable(detected.frame, label, detected.score, centre_m, ego.size_m, yaw_rad)
         return table.select(label != "")
 
-    def _labels_of(self, kind: NDArray[np.str_]) -> NDArray[np.str_]:
+    def _labels_of(self, kind: Texts) -> Texts:
         mapped = [self._files.config.class_map.get(str(k), "") for k in kind]
         return np.array(mapped, dtype=np.str_)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mottrack.core.arrays import F32
 from mottrack.datasets.files import check_range, check_unit_interval, read_floats
 
 
@@ -30,7 +28,7 @@ def last_frame(folder: Path) -> int:
     return int(max(stems, default="-1"))
 
 
-def read_points(path: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def read_points(path: Path) -> tuple[F32, F32]:
     """Return xyz_m (N, 3) in the ego frame and reflectance (N,) in [0, 1].
 
     Raises:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Boxes, Frame, Pose, Scene
+from mottrack.core.arrays import F64
 from mottrack.core.storage import write_bytes, write_text
 from mottrack.datasets.kitti.boxes import CameraBoxes, EgoBoxes, ego_to_camera
 from mottrack.datasets.kitti.image import FIELD_OF_VIEW_RAD, PROJECTION, image_boxes
@@ -97,7 +97,7 @@ def _detection_rows(number: int, frame: Frame) -> list[tuple[str, str]]:
     return rows
 
 
-def _seen(boxes: B, frame: Frame) -> tuple[B, CameraBoxes, NDArray[np.float64]]:
+def _seen(boxes: B, frame: Frame) -> tuple[B, CameraBoxes, F64]:
     """The boxes whose centre the camera sees, in its frame and in its image."""
     ego = boxes.transformed(frame.world_T_ego.inverse(), "ego")
     azimuth = np.arctan2(ego.centre_m[:, 1], ego.centre_m[:, 0])

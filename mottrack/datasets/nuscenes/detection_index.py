@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import I64
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.datasets.faults import MissingError, OutOfOrderError, TruncatedError
@@ -33,8 +34,8 @@ class DetectionIndex:
     """
 
     token: NDArray[np.bytes_]
-    start: NDArray[np.int64]
-    end: NDArray[np.int64]
+    start: I64
+    end: I64
 
     def spans(self) -> dict[str, tuple[int, int]]:
         """Start and end by sample token."""

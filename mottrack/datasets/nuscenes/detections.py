@@ -16,6 +16,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, Mask
 from mottrack.core.errors import DataError
 from mottrack.datasets.faults import MissingError, TruncatedError
 from mottrack.datasets.files import MAX_BOX_SIZE_M
@@ -130,11 +131,11 @@ class DetectionFile:
                 raise DataError(self._path, f"{where}[{bad}].{name}", shown, expected)
 
 
-def _in_size(size_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _in_size(size_m: F64) -> Mask:
     return np.asarray(((size_m > 0.0) & (size_m <= MAX_BOX_SIZE_M)).all(axis=1))
 
 
-def _near(centre_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _near(centre_m: F64) -> Mask:
     return np.asarray((np.abs(centre_m) <= MAX_PLACE_M).all(axis=1))
 
 
@@ -156,7 +157,7 @@ def _first_value(text: bytes) -> Any:
     return value if rest[:1] in (",", "}") else None
 
 
-def _velocities(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
+def _velocities(rows: list[dict[str, Any]]) -> F64:
     """(N, 2), NaN where a box has no usable velocity."""
     velocity = np.full((len(rows), 2), np.nan)
     kind = Kind("velocity", 2)

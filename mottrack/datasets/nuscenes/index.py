@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import I64
 from mottrack.core.errors import DataError
 from mottrack.datasets.faults import MissingError, OutOfOrderError
 from mottrack.datasets.nuscenes.annotations import box_columns
@@ -31,7 +32,7 @@ class Samples:
     """
 
     token: NDArray[np.bytes_]
-    scene: NDArray[np.int64]
+    scene: I64
     index: dict[str, int]
 
 
@@ -95,7 +96,7 @@ def _sweeps(tables: Tables, sweeps: Columns, sample_token: NDArray[np.bytes_]) -
     }
 
 
-def _check_times(tables: Tables, stamp_us: NDArray[np.int64]) -> None:
+def _check_times(tables: Tables, stamp_us: I64) -> None:
     """Refuse (S,) sorted times that nanoseconds of 64 bits can't hold, or that come twice."""
     path = tables.path("sample_data")
     wrong = stamp_us[(stamp_us < 0) | (stamp_us > LATEST_US)]
@@ -106,9 +107,7 @@ def _check_times(tables: Tables, stamp_us: NDArray[np.int64]) -> None:
         raise OutOfOrderError(path, "timestamp", f"{stamp_us[repeated[0]]} twice", "each once")
 
 
-def _check_key_frames(
-    tables: Tables, keyed: NDArray[np.int64], sample_token: NDArray[np.bytes_]
-) -> None:
+def _check_key_frames(tables: Tables, keyed: I64, sample_token: NDArray[np.bytes_]) -> None:
     count = np.bincount(keyed, minlength=len(sample_token))
     wrong = np.flatnonzero(count != 1)
     if wrong.size:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.storage import read_arrays, write_arrays
 
 
@@ -29,19 +30,19 @@ class SceneRecord:
     """
 
     sample_token: NDArray[np.bytes_]
-    sweep_stamp_us: NDArray[np.int64]
+    sweep_stamp_us: I64
     sweep_file: NDArray[np.bytes_]
-    sweep_sample: NDArray[np.int64]
-    world_T_ego: NDArray[np.float64]
-    ego_T_lidar: NDArray[np.float64]
-    box_sample: NDArray[np.int64]
-    box_instance: NDArray[np.int64]
+    sweep_sample: I64
+    world_T_ego: F64
+    ego_T_lidar: F64
+    box_sample: I64
+    box_instance: I64
     box_category: NDArray[np.bytes_]
-    box_centre_m: NDArray[np.float64]
-    box_size_wlh_m: NDArray[np.float64]
-    box_rotation: NDArray[np.float64]
-    box_points: NDArray[np.int64]
-    annotated: NDArray[np.bool_]
+    box_centre_m: F64
+    box_size_wlh_m: F64
+    box_rotation: F64
+    box_points: I64
+    annotated: Mask
 
     def save(self, path: Path) -> None:
         """Store with a checksum."""

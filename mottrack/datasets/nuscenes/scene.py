@@ -6,9 +6,9 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Frame, Pose, Sweep, Truth, TruthTable
+from mottrack.core.arrays import I64
 from mottrack.datasets.files import inside
 from mottrack.datasets.nuscenes.config import CLASSES, NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
@@ -127,7 +127,7 @@ class NuScenesScene:
         return table.without_velocity()
 
 
-def chosen_sweeps(sweep_sample: NDArray[np.int64], rate_hz: int) -> NDArray[np.int64]:
+def chosen_sweeps(sweep_sample: I64, rate_hz: int) -> I64:
     """Return which of the sweeps (20 Hz) are frames: all, every second, or the key frames.
 
     Every second one is counted back from each key frame, so that every key frame has a sweep two

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Frame, InputError, Objects, Pose, Scene, Sweep, Truth
+from mottrack.core.arrays import F64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.counting import counted_points
 from mottrack.datasets.nuscenes.config import DETECTION_NAMES
@@ -77,7 +77,7 @@ class SceneRows:
             "filename": file,
         }
 
-    def _calibration(self, origin_m: NDArray[np.float64]) -> str:
+    def _calibration(self, origin_m: F64) -> str:
         token = token_of("calibrated_sensor", self._name, origin_m.tolist())
         if all(row["token"] != token for row in self.tables["calibrated_sensor"]):
             row = {

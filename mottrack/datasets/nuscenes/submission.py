@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 
 from mottrack.core import DataError, InputError, SceneResult, TrackTable
+from mottrack.core.arrays import F64, I64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.nuscenes.config import CLASSES
 from mottrack.datasets.rigid import yaw_quaternions
@@ -77,16 +77,14 @@ def _add_scene(samples: dict[str, list[dict[str, Any]]], result: SceneResult) ->
         samples[token] = [_box(token, result.name, tracks, i, rotation[i]) for i in rows.tolist()]
 
 
-def _surest(tracks: TrackTable, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+def _surest(tracks: TrackTable, rows: I64) -> I64:
     if len(rows) <= MAX_BOXES:
         return rows
     order = np.argsort(-tracks.score[rows], kind="stable")[:MAX_BOXES]
     return rows[np.sort(order)]
 
 
-def _box(
-    token: str, scene: str, tracks: TrackTable, row: int, rotation: NDArray[np.float64]
-) -> dict[str, Any]:
+def _box(token: str, scene: str, tracks: TrackTable, row: int, rotation: F64) -> dict[str, Any]:
     return {
         "sample_token": token,
         "translation": tracks.centre_m[row].tolist(),

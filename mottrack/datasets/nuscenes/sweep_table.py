@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.datasets.faults import MissingError
 from mottrack.datasets.nuscenes.columns import Kind
 from mottrack.datasets.nuscenes.tables import (
@@ -48,7 +49,7 @@ def sweep_columns(tables: Tables, sample_index: dict[str, int]) -> Columns:
     return {name: values[order] for name, values in columns.items()}
 
 
-def _lidar_mounts(tables: Tables) -> dict[str, NDArray[np.float64]]:
+def _lidar_mounts(tables: Tables) -> dict[str, F64]:
     """`ego_T_lidar` (7,) of each calibrated LIDAR_TOP."""
     sensors = tables.columns("sensor", (TOKEN, Kind("channel", text=True)))
     lidars = set(text_of(sensors["token"][sensors["channel"] == CHANNEL.encode()]))
@@ -61,7 +62,7 @@ def _lidar_mounts(tables: Tables) -> dict[str, NDArray[np.float64]]:
     return dict(zip(text_of(mounts["token"]), poses, strict=True))
 
 
-def _ego_poses(tables: Tables, tokens: NDArray[np.bytes_]) -> NDArray[np.float64]:
+def _ego_poses(tables: Tables, tokens: NDArray[np.bytes_]) -> F64:
     # several sweeps may share a pose, so look up by token both ways
     wanted = {token: place for place, token in enumerate(dict.fromkeys(text_of(tokens)))}
     found = tables.columns("ego_pose", (TOKEN, ROTATION, TRANSLATION), Rows({"token": wanted}))

@@ -8,18 +8,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import DataError, Pose, Sweep
+from mottrack.core.arrays import F32, F64
 from mottrack.datasets.files import check_range, read_floats
 from mottrack.datasets.rigid import quaternion_pose
 
 INTENSITY_MAX = 255.0
 
 
-def read_sweep(
-    path: Path, stamp_ns: int, world_T_ego: Pose, ego_T_lidar: NDArray[np.float64]
-) -> Sweep:
+def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, ego_T_lidar: F64) -> Sweep:
     """Read one sweep into the ego frame.
 
     Args:
@@ -48,7 +46,7 @@ def read_sweep(
     )
 
 
-def _check(path: Path, name: str, values: NDArray[np.float32], highest: float) -> None:
+def _check(path: Path, name: str, values: F32, highest: float) -> None:
     bad = np.flatnonzero((values < 0.0) | (values > highest))
     if bad.size:
         expected = f"within [0, {highest:g}]"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import I64, Mask
 from mottrack.core.errors import DataError
 from mottrack.datasets.faults import NotRigidError, OutOfOrderError
 from mottrack.datasets.nuscenes.columns import Kind, collect
@@ -64,9 +65,7 @@ class Tables:
         rows = stream_table(path, thin=among.thinning())
         return collect(path, (row for row in rows if among.holds(row)), kinds)
 
-    def refuse(
-        self, name: str, columns: Columns, wrong: NDArray[np.bool_], field: Expected
-    ) -> None:
+    def refuse(self, name: str, columns: Columns, wrong: Mask, field: Expected) -> None:
         """Raise DataError that names the first record (it has a token) where `wrong` (N,)."""
         rows = np.flatnonzero(wrong)
         if rows.size:
@@ -119,6 +118,6 @@ def text_of(values: NDArray[np.bytes_]) -> list[str]:
     return [value.decode() for value in values.tolist()]
 
 
-def looked_up(tokens: NDArray[np.bytes_], index: dict[str, int]) -> NDArray[np.int64]:
+def looked_up(tokens: NDArray[np.bytes_], index: dict[str, int]) -> I64:
     """Return the index of each token, all of which are in `index`."""
     return np.array([index[token] for token in text_of(tokens)], dtype=np.int64)

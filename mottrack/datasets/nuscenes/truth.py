@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Truth, TruthTable
+from mottrack.core.arrays import F64, I64
 from mottrack.core.pose import wrap_angle
 from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.nuscenes.config import CATEGORY_MAP
@@ -16,10 +16,10 @@ from mottrack.datasets.nuscenes.tables import text_of
 from mottrack.datasets.tables import truth_of
 
 
-def yaw_of(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+def yaw_of(quaternion_wxyz: F64) -> F64:
     """Return the headings (N,) of (N, 4) quaternions: that of the turned x axis on the ground."""
     w, x, y, z = quaternion_wxyz.T
-    heading: NDArray[np.float64] = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    heading: F64 = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return wrap_angle(heading)
 
 
@@ -48,7 +48,7 @@ def key_frame_truth(record: SceneRecord) -> TruthTable | None:
 
 
 def interpolated_truth(
-    table: TruthTable, key_frame: int, key_stamp_ns: NDArray[np.int64], stamp_ns: int
+    table: TruthTable, key_frame: int, key_stamp_ns: I64, stamp_ns: int
 ) -> Truth:
     """Return the truth between two key frames, of the objects annotated in both.
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Pose
+from mottrack.core.arrays import F64
 from mottrack.datasets.faults import MissingError
 from mottrack.datasets.rigid import quaternion_pose
 
@@ -45,7 +45,7 @@ class Odometry:
     def _gap_ns(self, after: int) -> int:
         return int(self._stamp_ns[after] - self._stamp_ns[after - 1])
 
-    def _pose(self, values: NDArray[np.float64]) -> Pose:
+    def _pose(self, values: F64) -> Pose:
         return quaternion_pose(values[:4], values[4:], self._path, "odometry pose")
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
 from mottrack.core.objects import Objects, Truth
@@ -18,7 +18,7 @@ from mottrack.world.catalogue import TRACKED
 from mottrack.world.detector import Clock, Ghosts, Seen, detect, draw_ghosts
 from mottrack.world.ego import PoseError, pose_of
 from mottrack.world.sensor import random_sensor, sensor_model
-from mottrack.world.sweep_maker import PointTruth, Rig, Shot, shoot
+from mottrack.world.sweep_maker import PointTruth, Rig, ScanResult, scan
 from mottrack.world.terrain import heights_at
 from mottrack.world.traffic import Density
 from mottrack.world.world import World, WorldPlan, build_world
@@ -36,7 +36,7 @@ class SyntheticScene:
 
     def __init__(self, config: SyntheticConfig, number: int) -> None:
         self._config, self._number = config, number
-        self._shot: Callable[[int], Shot] = lru_cache(_KEPT_SHOTS)(self._shoot)
+        self._shot: Callable[[int], ScanResult] = lru_cache(_KEPT_SHOTS)(self._shoot)
 
     @property
     def name(self) -> str:
@@ -135,11 +135,11 @@ class SyntheticScene:
     def _source(self, *purpose: int) -> np.random.SeedSequence:
         return np.random.SeedSequence(self._config.seed, spawn_key=(self._number, *purpose))
 
-    def _shoot(self, index: int) -> Shot:
+    def _shoot(self, index: int) -> ScanResult:
         time_s = index / self._config.sweep_hz
-        return shoot(self.world, self.rig, time_s, self._source(_SWEEP, index))
+        return scan(self.world, self.rig, time_s, self._source(_SWEEP, index))
 
-    def _truth(self, shot: Shot) -> Truth:
+    def _truth(self, shot: ScanResult) -> Truth:
         world, states = self.world, shot.states
         away = np.hypot(*(states.xy_m - shot.posture[:2]).T)
         rows = np.flatnonzero(away < self._config.truth_range_m)
@@ -158,7 +158,7 @@ class SyntheticScene:
             interpolated=np.zeros(len(rows), dtype=np.bool_),
         )
 
-    def _detections(self, shot: Shot) -> Objects:
+    def _detections(self, shot: ScanResult) -> Objects:
         """Boxes found in the true ego frame, put into the world by the odometry."""
         ego_T_world = pose_of(shot.posture).inverse()
         truth = self._truth(shot)
@@ -172,7 +172,7 @@ class SyntheticScene:
         found = detect(seen, ghosts, rates, self._config.detector, clock)
         return found.transformed(shot.sweep.world_T_ego, "world")
 
-    def _near_ghosts(self, shot: Shot) -> tuple[Seen, NDArray[np.float64]]:
+    def _near_ghosts(self, shot: ScanResult) -> tuple[Seen, F64]:
         ghosts, reach = self._ghosts, self._config.detector.max_range_m
         away = np.hypot(*(ghosts.xy_m - shot.posture[:2]).T)
         rows = np.flatnonzero(away < 0.85 * reach)

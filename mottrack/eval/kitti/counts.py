@@ -4,9 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mottrack.eval.kitti.labels import I64
+from mottrack.core.arrays import I64, Mask
 from mottrack.eval.kitti.matching import Match, Sequence
 
 MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
@@ -61,7 +60,7 @@ class _History:
     share: float
 
 
-def _trajectories(sequence: Sequence, match: Match) -> Iterable[tuple[I64, NDArray[np.bool_]]]:
+def _trajectories(sequence: Sequence, match: Match) -> Iterable[tuple[I64, Mask]]:
     """Per true track, in its frames, the matched identity (-1: none) and whether it is ignored."""
     identity = np.full(len(sequence.truth), -1)
     hit = match.track_row >= 0
@@ -71,7 +70,7 @@ def _trajectories(sequence: Sequence, match: Match) -> Iterable[tuple[I64, NDArr
         yield identity[rows], sequence.ignored_truth[rows]
 
 
-def _history(ids: I64, ignored: NDArray[np.bool_]) -> _History:
+def _history(ids: I64, ignored: Mask) -> _History:
     """Switches and fragmentations of a true track by KITTI's rule.
 
     A change of identity is a switch if the box before was matched too. A change, from unmatched

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
 from mottrack.formats.text_rows import finite_numbers, read_lines
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 COLUMNS = 17
 """frame, id, type, truncation, occlusion, alpha, box (4), h w l, x y z, heading; then a score."""
 
@@ -24,7 +23,7 @@ class KittiBoxes:
     """(N,)"""
     id: I64
     """(N,) -1 for regions that nobody labelled."""
-    kind: NDArray[np.str_]
+    kind: Texts
     """(N,) type, lower case."""
     truncation: F64
     """(N,) 0 inside the image, 1 or 2 cut off at its edge, -1 for regions."""
@@ -61,7 +60,7 @@ def _numbers(path: Path, line: int, fields: list[str]) -> list[float]:
     return [*numbers, 0.0][:COLUMNS]
 
 
-def _boxes(values: F64, kind: NDArray[np.str_]) -> KittiBoxes:
+def _boxes(values: F64, kind: Texts) -> KittiBoxes:
     height, width, length, x, y, z, heading = values[:, 9:16].T
     return KittiBoxes(
         frame=values[:, 0].astype(np.int64),

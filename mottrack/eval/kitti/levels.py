@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError
 from mottrack.eval.kitti.counts import KittiCounts, count, total
-from mottrack.eval.kitti.labels import F64
 from mottrack.eval.kitti.matching import Sequence, match, mean_over_tracks
 from mottrack.eval.kitti.rules import KittiRules
 

@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from mottrack.eval.kitti.labels import F64, I64, KittiBoxes
+from mottrack.core.arrays import F64, I64, Mask
+from mottrack.eval.kitti.labels import KittiBoxes
 from mottrack.eval.kitti.rules import NEIGHBOURS, KittiRules
 from mottrack.geometry.iou import iou_3d
 from mottrack.geometry.rectangles import rectangle_area, rectangle_iou, shared_area
 
-Mask = NDArray[np.bool_]
 _FORBIDDEN = 1e9
 
 

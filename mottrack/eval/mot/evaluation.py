@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from mottrack.core.arrays import Mask
 from mottrack.core.storage import write_text
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.mot.text import MotBoxes, read_boxes
-from mottrack.eval.pairs import Pairs, Side, find_pairs, overlap
+from mottrack.eval.pairs import BoxStream, Pairs, find_pairs, overlap
 from mottrack.formats.text_table import aligned
 from mottrack.geometry.rectangles import rectangle_iou
 
@@ -76,9 +76,7 @@ def preprocess(truth: MotBoxes, tracks: MotBoxes, min_iou: float) -> tuple[MotBo
     return truth.select(truth.confidence != 0), tracks
 
 
-def _on_distractors(
-    truth: MotBoxes, tracks: MotBoxes, distract: NDArray[np.bool_], gate: float
-) -> NDArray[np.bool_]:
+def _on_distractors(truth: MotBoxes, tracks: MotBoxes, distract: Mask, gate: float) -> Mask:
     """(P,) tracks whose best match among all true boxes is a distractor."""
     out = np.zeros(len(tracks), np.bool_)
     for frame in np.unique(truth.frame[distract]):
@@ -102,7 +100,7 @@ def score_boxes(truth: MotBoxes, tracks: MotBoxes, min_iou: float = 0.5) -> MotS
 def image_pairs(truth: MotBoxes, tracks: MotBoxes) -> Pairs:
     """All overlapping pairs of a sequence; frames without a box on either side are passed over."""
     listed = np.unique(np.concatenate([truth.frame, tracks.frame]))
-    first, second = (Side(np.searchsorted(listed, s.frame), s.id) for s in (truth, tracks))
+    first, second = (BoxStream(np.searchsorted(listed, s.frame), s.id) for s in (truth, tracks))
     return find_pairs(first, second, len(listed), overlap(rectangle_iou, truth.box, tracks.box))
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import DataError
 from mottrack.formats.text_rows import finite_numbers, read_lines
 
-F64 = NDArray[np.float64]
 MIN_FIELDS = 6
 FIELDS_WITH_CLASS = 9
 
@@ -22,15 +22,15 @@ FIELDS_WITH_CLASS = 9
 class MotBoxes:
     """Boxes of one sequence, by frame."""
 
-    frame: NDArray[np.int64]
+    frame: I64
     """(N,) ascending."""
-    id: NDArray[np.int64]
+    id: I64
     """(N,)"""
     box: F64
     """(N, 4) left, top, right, bottom in pixels."""
     confidence: F64
     """(N,) 1 where the file has none."""
-    kind: NDArray[np.int64]
+    kind: I64
     """(N,) class number, -1 where the file has none."""
 
     def __len__(self) -> int:

@@ -16,17 +16,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
 from mottrack.eval.nuscenes.kernel import MISS, SWITCH, Scenes
 from mottrack.eval.nuscenes.levels import run_at
 from mottrack.eval.nuscenes.rules import Rules
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 MISSES = ("late start", "gap", "early end", "never found")
 FALSE_POSITIVES = ("duplicate", "wrong class", "near miss", "background")
 SWITCHES = ("swap", "take-over", "re-identification")
@@ -39,7 +36,7 @@ _FRAME_APART_M = 1e5
 class Errors:
     """Errors of one pass over one class, a row each."""
 
-    kind: NDArray[np.str_]
+    kind: Texts
     """(E,) one of KINDS."""
     truth_row: I64
     """(E,) the true box, -1 for a false positive."""
@@ -52,18 +49,18 @@ class Errors:
 
 
 @dataclass(frozen=True, slots=True)
-class Anatomist:
+class ErrorClassifier:
     """Dissects passes over one class; what does not depend on the threshold is found once."""
 
     scenes: Scenes
-    blame: NDArray[np.str_]
+    blame: Texts
     """(P,) the kind that each predicted box is, should it be a false positive."""
     truth_frame: I64
     """(G,) frame of each true box."""
     track_frame: I64
 
     @classmethod
-    def of(cls, prepared: Prepared, label: int, rules: Rules, scenes: Scenes) -> "Anatomist":
+    def of(cls, prepared: Prepared, label: int, rules: Rules, scenes: Scenes) -> "ErrorClassifier":
         """For class `label` of the data, laid out as `scenes`."""
         frames = [np.diff(scenes.frame[side]) for side in ("truth", "track")]
         truth_frame, track_frame = (np.repeat(np.arange(len(n)), n) for n in frames)
@@ -90,7 +87,7 @@ class Anatomist:
         extra[match[match >= 0]] = False
         return np.flatnonzero(extra)
 
-    def _miss_kinds(self, missed: I64) -> NDArray[np.str_]:
+    def _miss_kinds(self, missed: I64) -> Texts:
         truth = self.scenes.truth[:-1]
         objects = len(self.scenes.object)
         hit = truth["event"] != MISS
@@ -102,7 +99,7 @@ class Anatomist:
         conditions = [last[of] < 0, frame < first[of], frame > last[of]]
         return np.select(conditions, ["never found", "late start", "early end"], "gap")
 
-    def _switch_kinds(self, switched: I64) -> NDArray[np.str_]:
+    def _switch_kinds(self, switched: I64) -> Texts:
         truth = self.scenes.truth[:-1]
         rows = np.flatnonzero(truth["match"] >= 0)
         identity = np.full(len(truth), -1)
@@ -142,7 +139,7 @@ def _owners(identity: I64, objects: I64, frame: I64) -> dict[int, dict[int, int]
     return owners
 
 
-def _blame(prepared: Prepared, label: int, rules: Rules) -> NDArray[np.str_]:
+def _blame(prepared: Prepared, label: int, rules: Rules) -> Texts:
     tracks = prepared.tracks.select(prepared.tracks.label == label)
     same = prepared.truth.label == label
     gate = rules.match_distance_m

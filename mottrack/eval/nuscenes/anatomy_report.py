@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, Texts
 from mottrack.eval.nuscenes.anatomy import (
     FALSE_POSITIVES,
     KINDS,
     MISSES,
     SWITCHES,
-    Anatomist,
+    ErrorClassifier,
     Errors,
     buckets,
     truth_speeds,
@@ -22,7 +22,6 @@ from mottrack.eval.nuscenes.levels import Curves, class_curves, class_scenes
 from mottrack.eval.nuscenes.rules import Rules
 from mottrack.formats.text_table import aligned
 
-F64 = NDArray[np.float64]
 RANGE_EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, np.inf)
 SPEED_EDGES_MPS = (0.0, 0.2, 1.0, 3.0, 8.0, np.inf)
 Counts = dict[str, int]
@@ -43,20 +42,20 @@ class ClassAnatomy:
     """Kind to AMOTA if there were no errors of that kind (see `amota_without`)."""
 
 
-def dissect(prepared: Prepared, rules: Rules) -> dict[str, ClassAnatomy]:
+def classify_errors(prepared: Prepared, rules: Rules) -> dict[str, ClassAnatomy]:
     """The anatomy of every class that has truth and reaches a recall level."""
     out = {}
     for label, name in enumerate(rules.classes):
         scenes = class_scenes(prepared, label, rules)
         curves = class_curves(scenes, rules)
         if not np.isnan(curves["confidence"]).all():
-            anatomist = Anatomist.of(prepared, label, rules, scenes)
+            anatomist = ErrorClassifier.of(prepared, label, rules, scenes)
             out[name] = _class_anatomy(prepared, label, (anatomist, scenes), curves)
     return out
 
 
 def _class_anatomy(
-    prepared: Prepared, label: int, tools: tuple[Anatomist, Scenes], curves: Curves
+    prepared: Prepared, label: int, tools: tuple[ErrorClassifier, Scenes], curves: Curves
 ) -> ClassAnatomy:
     anatomist, scenes = tools
     threshold = curves["confidence"]
@@ -90,7 +89,7 @@ def _class_anatomy(
     )
 
 
-def _counts(kinds: NDArray[np.str_]) -> Counts:
+def _counts(kinds: Texts) -> Counts:
     return {kind: int(np.count_nonzero(kinds == kind)) for kind in KINDS}
 
 

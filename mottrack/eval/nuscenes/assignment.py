@@ -8,9 +8,11 @@ the list's end, and among equal columns a free one is preferred. Few functions, 
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, Int
 
 ROW = np.dtype([("price", "f8"), ("column", "i8"), ("seen", "i8")])
 COLUMN = np.dtype(
@@ -21,7 +23,7 @@ COLUMN = np.dtype(
 class Solver(NamedTuple):
     """Working memory for matrices of up to K rows and columns."""
 
-    cost: NDArray[np.float64]
+    cost: F64
     """(K, K) the smaller side along the rows."""
     row: NDArray[Any]
     """(K,) of ROW: price, assigned column, seen on the present path."""
@@ -35,8 +37,8 @@ def make_solver(size: int) -> Solver:
     return Solver(np.empty((size, size)), np.zeros(size, ROW), np.zeros(size, COLUMN))
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def solve(s: Solver, rows: int, columns: int) -> None:  # noqa: C901
+@compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def solve(s: Solver, rows: Int, columns: Int) -> None:  # noqa: C901
     """Assigns every row of `s.cost[:rows, :columns]` (rows <= columns) a column.
 
     The answer is left in `s.row[i].column` and `s.column[j].row`.
@@ -67,16 +69,16 @@ def solve(s: Solver, rows: int, columns: int) -> None:  # noqa: C901
             sink = displaced
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _shortest_path(s: Solver, start: int, rows: int, columns: int) -> int:
+@compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+def _shortest_path(s: Solver, start: Int, rows: Int, columns: Int) -> int:
     """The free column that is cheapest to reach from the row."""
-    for i in range(rows):
-        s.row[i].seen = 0
-    for j in range(columns):
-        c = s.column[j]
+    for k in range(rows):
+        s.row[k].seen = 0
+    for k in range(columns):
+        c = s.column[k]
         c.seen = 0
         c.way = np.inf
-        c.open = columns - 1 - j
+        c.open = columns - 1 - k
     length = 0.0
     i = start
     j = -1

@@ -15,8 +15,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared, Samples
 from mottrack.eval.nuscenes.levels import class_scenes
@@ -24,8 +24,6 @@ from mottrack.eval.nuscenes.profile import Profile, make_profile, weighted_curve
 from mottrack.eval.nuscenes.rules import SUMMARY_METRICS, Rules
 from mottrack.eval.nuscenes.summary import Metrics, summarise
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 LOWER_IS_BETTER = frozenset({"amotp", "motp", "ml", "faf", "fp", "fn", "ids", "frag", "tid", "lgd"})
 
 

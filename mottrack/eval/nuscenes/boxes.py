@@ -6,19 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.core.arrays import F64, I8, I64, Texts
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
     """Key frames of S scenes; row k of scene s is its k-th sample in time."""
 
-    scene_name: NDArray[np.str_]
+    scene_name: Texts
     """(S,)"""
     first: I64
     """(S + 1,) first sample of each scene, and the end."""
-    token: NDArray[np.str_]
+    token: Texts
     """(N,) sample token."""
     stamp_us: I64
     """(N,) microseconds."""
@@ -50,7 +49,7 @@ class BoxTable:
     """(N,)"""
     track: I64
     """(N,)"""
-    label: NDArray[np.int8]
+    label: I8
     """(N,) index into the classes of the rules."""
     centre_m: F64
     """(N, 3) global frame."""

@@ -72,9 +72,9 @@ def _hota(evaluation: Evaluation, out: Path) -> str:
 
 
 def _anatomy(evaluation: Evaluation, request: Request, out: Path) -> str:
-    from mottrack.eval.nuscenes.anatomy_report import as_plain, dissect, format_anatomy
+    from mottrack.eval.nuscenes.anatomy_report import as_plain, classify_errors, format_anatomy
 
-    anatomy = dissect(evaluation.prepared, request.rules)
+    anatomy = classify_errors(evaluation.prepared, request.rules)
     write_text(out / "anatomy.json", json.dumps(strict(as_plain(anatomy)), indent=2))
     return format_anatomy(anatomy)
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError
-from mottrack.eval.nuscenes.boxes import F64, BoxTable, GroundTruth, Racks, Samples
+from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
 from mottrack.eval.nuscenes.rules import CLASS_OF_CATEGORY, RACK_CATEGORY, Rules
 from mottrack.formats.nuscenes_tables import (
     Row,

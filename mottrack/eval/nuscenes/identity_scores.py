@@ -10,7 +10,7 @@ import numpy as np
 from mottrack.eval import hota, identity
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared, Samples
 from mottrack.eval.nuscenes.summary import Metrics
-from mottrack.eval.pairs import Side, centre_distance, find_pairs
+from mottrack.eval.pairs import BoxStream, centre_distance, find_pairs
 from mottrack.formats.text_table import aligned
 
 Figures = dict[str, dict[str, float]]
@@ -65,8 +65,8 @@ def _scene_counts(
 ) -> tuple[identity.IdentityCounts, hota.HotaCounts]:
     gate = metrics.rules.match_distance_m
     pairs = find_pairs(
-        Side(truth.sample, truth.track),
-        Side(tracks.sample, tracks.track),
+        BoxStream(truth.sample, truth.track),
+        BoxStream(tracks.sample, tracks.track),
         frames,
         centre_distance(truth.centre_m, tracks.centre_m, gate),
     )

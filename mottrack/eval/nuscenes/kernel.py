@@ -10,16 +10,15 @@ elsewhere: both shorten the compilation, which the first user after an installat
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.eval.nuscenes.assignment import Solver, solve
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 MISS, MATCH, SWITCH = 0, 1, 2
 TP, IDS, FN, FP, FRAMES, FRAG, MT, ML, TRACKED, WAIT, GAP = range(11)
 COUNT_NAMES = (
@@ -75,7 +74,7 @@ class Scenes(NamedTuple):
     hits, misses running now, longest run of misses. All zero between passes."""
 
 
-@intrinsic
+@intrinsic  # type: ignore[untyped-decorator]  # numba ships no types
 def fma(_context: Any, a: Any, _b: Any, _c: Any) -> Any:
     """The sum a * b + c, rounded once."""
     signature = types.float64(types.float64, types.float64, types.float64)
@@ -86,7 +85,7 @@ def fma(_context: Any, a: Any, _b: Any, _c: Any) -> Any:
     return signature, build
 
 
-@numba.njit(cache=True, no_cfunc_wrapper=True)
+@compiled(no_cfunc_wrapper=True)
 def find_candidates(scenes: Scenes, gate: float) -> int:
     """Lists the pairs of each frame nearer than the gate, as far as there is room in `pair`.
 
@@ -124,7 +123,7 @@ def find_candidates(scenes: Scenes, gate: float) -> int:
     return count
 
 
-@numba.njit(cache=True, no_cfunc_wrapper=True)
+@compiled(no_cfunc_wrapper=True)
 def count_passes(  # noqa: C901
     scenes: Scenes, solver: Solver, passes: tuple[I64, F64], counts: I64, distance: F64
 ) -> None:
@@ -167,7 +166,7 @@ def count_passes(  # noqa: C901
             track.last = track.hits = track.run = track.longest = 0
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
     """Keeps last matches, in the order of truth; then matches boxes with one candidate each.
 
@@ -214,9 +213,9 @@ def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
     return furthest if conflict else -1.0
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _assign(  # noqa: C901
-    scenes: Scenes, solver: Solver, f: int, active: int, furthest: float
+    scenes: Scenes, solver: Solver, f: int, active: np.int64, furthest: float
 ) -> None:
     """Most matches first, least distance second, on the whole frame as the official code does.
 
@@ -255,7 +254,7 @@ def _assign(  # noqa: C901
             solve(solver, rows, columns)
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _record(scenes: Scenes, f: int, count: I64) -> float:
     """Counts a matched frame and updates its objects; returns the distances of the matches."""
     metres = 0.0

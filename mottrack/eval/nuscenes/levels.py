@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.eval.nuscenes import kernel
 from mottrack.eval.nuscenes.assignment import make_solver
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
@@ -19,8 +20,6 @@ from mottrack.eval.nuscenes.kernel import (
 )
 from mottrack.eval.nuscenes.rules import FRAME_SECONDS, LEVEL_METRICS, METRIC_WORST, Rules
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 Curves = dict[str, F64]
 """Metric name, "confidence" and "recall_hypo" to (levels,) values, the highest recall first."""
 

@@ -3,15 +3,11 @@
 from dataclasses import fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Racks, Samples
 from mottrack.eval.nuscenes.rules import RACKED_CLASSES, Rules
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I32, I64
 from mottrack.eval.nuscenes.kernel import Scenes
 from mottrack.eval.nuscenes.levels import (
     Curves,
@@ -22,9 +22,6 @@ from mottrack.eval.nuscenes.levels import (
     unreached_curves,
 )
 from mottrack.eval.nuscenes.rules import Rules
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +38,7 @@ class Profile:
     """(M,) scene of each of them."""
     distinct: F64
     """(U,) all distinct scores, ascending."""
-    row: NDArray[np.int32]
+    row: I32
     """(S, U + 1) row of `tally` for a scene when U' of the distinct scores are too low."""
     tally: Tally
     """Counts of every scene at each of its own scores."""

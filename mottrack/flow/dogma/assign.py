@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import I32
 from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Span, Workers
@@ -16,9 +16,9 @@ from mottrack.flow.dogma.workers import Span, Workers
 class Assignment(NamedTuple):
     """Which particles lie in which cell; cell = row * cols + col."""
 
-    order: NDArray[np.int32]
+    order: I32
     """(N,) particle indices sorted by cell, ascending within a cell; those outside come last."""
-    start: NDArray[np.int32]
+    start: I32
     """(cells + 1,) `order[start[c]:start[c + 1]]` are the particles of cell c."""
 
 
@@ -36,13 +36,13 @@ def assign(particles: Particles, window: Window, before: Window, workers: Worker
     return Assignment(order, start)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _cells(
     span: Span,
     particles: Particles,
     window: Window,
     kept: tuple[int, int, int, int],
-    cell: NDArray[np.int32],
+    cell: I32,
 ) -> None:
     outside = window.rows * window.cols
     per_m = np.float32(1.0 / window.cell_m)
@@ -53,8 +53,8 @@ def _cells(
         cell[i] = row * window.cols + col if inside else outside
 
 
-@njit(cache=True, nogil=True)
-def _sort(cell: NDArray[np.int32], cells: int, order: NDArray[np.int32]) -> NDArray[np.int32]:
+@compiled(nogil=True)
+def _sort(cell: I32, cells: int, order: I32) -> I32:
     """Start of every cell; fills `order`. Particles outside have the cell number `cells`."""
     fill = np.zeros(cells + 2, np.int32)
     for i in range(len(cell)):

@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, I64
 from mottrack.flow.dogma.noise import draw, normal_level, uniform, uniform_level
 from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.window import Window
@@ -35,7 +35,7 @@ class BirthConfig(StrictModel):
 class Past(NamedTuple):
     """What was known before the last prediction."""
 
-    free: NDArray[np.float32]
+    free: F32
     """(rows, cols) free mass, on the present window."""
     dt_s: np.float32
     """How long ago that was."""
@@ -44,7 +44,7 @@ class Past(NamedTuple):
 class VelocityPrior(NamedTuple):
     """`BirthConfig` as the kernel takes it."""
 
-    rest: NDArray[np.float32]
+    rest: F32
     """(cells,) share at rest."""
     slow: np.float32
     """Share of slow particles among those that move."""
@@ -53,7 +53,7 @@ class VelocityPrior(NamedTuple):
     past: Past
 
     @classmethod
-    def of(cls, config: BirthConfig, uncovered: NDArray[np.float32], past: Past) -> VelocityPrior:
+    def of(cls, config: BirthConfig, uncovered: F32, past: Past) -> VelocityPrior:
         """Only the `uncovered` share (rows, cols) of the births may be at rest."""
         return cls(
             np.float32(config.rest_share) * uncovered.ravel(),
@@ -67,13 +67,13 @@ class VelocityPrior(NamedTuple):
 class Births(NamedTuple):
     """New-born particles sorted by cell."""
 
-    start: NDArray[np.int64]
+    start: I64
     """(cells + 1,) particles `start[c]:start[c + 1]` are born in cell c."""
     mass_each: float
     """Share of the born mass that each one carries."""
 
 
-def allot(born: NDArray[np.float32], count: int, key: np.uint64) -> Births:
+def allot(born: F32, count: int, key: np.uint64) -> Births:
     """Shares `count` particles among the cells in proportion to the born mass (rows, cols).
 
     Systematic: a cell gets its exact share rounded up or down, by one random number for all.
@@ -83,10 +83,8 @@ def allot(born: NDArray[np.float32], count: int, key: np.uint64) -> Births:
     return Births(start, total / count)
 
 
-@njit(cache=True, nogil=True)
-def _share_out(
-    born: NDArray[np.float32], count: int, offset: float, start: NDArray[np.int64]
-) -> float:
+@compiled(nogil=True)
+def _share_out(born: F32, count: int, offset: float, start: I64) -> float:
     """Fills `start` and returns the total mass; one after the other, so sums never differ."""
     total = 0.0
     for c in range(len(born)):
@@ -109,10 +107,10 @@ def give_birth(
     return born
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _spread(
     cells: Span,
-    start: NDArray[np.int64],
+    start: I64,
     window: Window,
     source: tuple[VelocityPrior, np.uint64],
     born: Particles,
@@ -127,7 +125,7 @@ def _spread(
                     break
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _place(
     i: int, cell: int, bits: np.uint64, drawn_from: tuple[Window, VelocityPrior], born: Particles
 ) -> None:
@@ -144,7 +142,7 @@ def _place(
     born.vy_mps[i] = spread_mps * normal_level(bits, 4)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _free_before(i: int, born: Particles, window: Window, past: Past) -> np.float32:
     """Free mass of the cell that a moving particle i came from; 0 at rest or from outside."""
     vx, vy = born.vx_mps[i], born.vy_mps[i]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import rotation_2d
@@ -38,9 +38,9 @@ class ReadoutConfig(StrictModel):
 class ObstaclePoints(NamedTuple):
     """The same M obstacle points in both frames, on the plane."""
 
-    ego_m: NDArray[np.float32]
+    ego_m: F32
     """(M, 2) in the current ego frame."""
-    window_m: NDArray[np.float32]
+    window_m: F32
     """(M, 2) along the world's axes, from the window's corner."""
 
 
@@ -56,19 +56,19 @@ class View(NamedTuple):
 class _Cells(NamedTuple):
     """K cells of the map, in world axes."""
 
-    occupied: NDArray[np.float32]
+    occupied: F32
     """(K,) occupied mass."""
-    measured: NDArray[np.bool_]
+    measured: Mask
     """(K,) whether the velocity means something: enough mass, enough of it persistent."""
-    moving: NDArray[np.bool_]
+    moving: Mask
     """(K,) measured cells at a Mahalanobis distance from rest."""
-    velocity_mps: NDArray[np.float64]
+    velocity_mps: F64
     """(K, 2)."""
-    covariance_m2ps2: NDArray[np.float64]
+    covariance_m2ps2: F64
     """(K, 3) variance along x, covariance, variance along y, as reported; positive definite."""
 
 
-def is_moving(grid_map: GridMap, config: ReadoutConfig) -> NDArray[np.bool_]:
+def is_moving(grid_map: GridMap, config: ReadoutConfig) -> Mask:
     """(rows, cols) occupied cells whose velocity v, with covariance S, differs from zero.
 
     The Mahalanobis test v^T S^-1 v > threshold: 9.2 is exceeded by one in a hundred at rest.
@@ -109,9 +109,7 @@ def flow_field(
     )
 
 
-def _pair_cells(
-    grid_map: GridMap, points: ObstaclePoints, grid: BevGrid
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pair_cells(grid_map: GridMap, points: ObstaclePoints, grid: BevGrid) -> tuple[I64, I64]:
     """Flat ego cell and flat map cell of every point that lies in both grids."""
     window = grid_map.window
     row, col, in_ego = grid.cells(points.ego_m)
@@ -121,7 +119,7 @@ def _pair_cells(
     return (row * grid.shape[1] + col)[both], (map_row * window.cols + map_col)[both]
 
 
-def _read(grid_map: GridMap, cell: NDArray[np.int64], config: ReadoutConfig) -> _Cells:
+def _read(grid_map: GridMap, cell: I64, config: ReadoutConfig) -> _Cells:
     """The map at flat cells (K,)."""
     occupied = grid_map.masses.occupied.ravel()[cell]
     persistent = grid_map.split.persistent.ravel()[cell]
@@ -138,7 +136,7 @@ def _read(grid_map: GridMap, cell: NDArray[np.int64], config: ReadoutConfig) -> 
     return _Cells(occupied, measured, moving, velocity, covariance)
 
 
-def _terms(cells: _Cells, config: ReadoutConfig) -> list[NDArray[np.float64]]:
+def _terms(cells: _Cells, config: ReadoutConfig) -> list[F64]:
     """What is summed over points: 1, m_occ, measured, first and second moments."""
     reported = cells.moving if config.silence_static else cells.measured
     vx, vy = (cells.velocity_mps * reported[:, None]).T
@@ -147,9 +145,7 @@ def _terms(cells: _Cells, config: ReadoutConfig) -> list[NDArray[np.float64]]:
     return [np.ones(len(vx)), cells.occupied.astype(float), cells.measured.astype(float), *moments]
 
 
-def _spread(
-    values: NDArray[np.float64], cell: NDArray[np.int64], grid: BevGrid
-) -> NDArray[np.float32]:
+def _spread(values: F64, cell: I64, grid: BevGrid) -> F32:
     """(H, W, ...) grid with values (K, ...) at flat cells (K,) and zero elsewhere."""
     height, width = grid.shape
     full = np.zeros((height * width, *values.shape[1:]), np.float32)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, I32
 from mottrack.flow.dogma.polar import Blind, free_reach_m
 from mottrack.flow.dogma.returns import OBSTACLE, Returns
 from mottrack.flow.dogma.window import Window
@@ -41,18 +41,18 @@ class SensorConfig(StrictModel):
 class MeasurementGrid(NamedTuple):
     """Masses of one sweep; what is neither occupied nor free is unknown."""
 
-    occupied: NDArray[np.float32]
+    occupied: F32
     """(rows, cols) z_occ."""
-    free: NDArray[np.float32]
+    free: F32
     """(rows, cols) z_free."""
 
 
 class _Beams(NamedTuple):
     """What the kernel needs to know of the sensor."""
 
-    centre_m: NDArray[np.float32]
+    centre_m: F32
     """(2,) the optical centre, from the window's corner."""
-    unknown: NDArray[np.float32]
+    unknown: F32
     """(K,) mass that k sixths of returns leave unknown; more than K - 1 leave as little."""
     near: float
     """Free mass at no distance."""
@@ -86,13 +86,13 @@ def measure(
     return measured
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _count_hits(
     returns: Returns,
     window: Window,
-    centre_m: NDArray[np.float32],
+    centre_m: F32,
     spread_m: np.float32,
-    hits: NDArray[np.int32],
+    hits: I32,
 ) -> None:
     """Sixths of returns per cell: the range error of each by Gauss-Hermite quadrature, 1:4:1."""
     per_m = np.float32(1.0 / window.cell_m)
@@ -109,12 +109,12 @@ def _count_hits(
                 hits[row, col] += 4 if side == 0 else 1
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _masses(
     rows: Span,
-    sensor: tuple[NDArray[np.float32], _Beams],
+    sensor: tuple[F32, _Beams],
     window: Window,
-    hits: NDArray[np.int32],
+    hits: I32,
     measured: MeasurementGrid,
 ) -> None:
     reach_m, beams = sensor
@@ -131,8 +131,8 @@ def _masses(
                 measured.free[row, col] = unknown * (beams.near + fall)
 
 
-@njit(cache=True, nogil=True)
-def _seen_free(x_m: float, y_m: float, cell_m: float, reach_m: NDArray[np.float32]) -> bool:
+@compiled(nogil=True)
+def _seen_free(x_m: float, y_m: float, cell_m: float, reach_m: F32) -> bool:
     """Whether every direction that crosses the cell is free to the cell's far side."""
     bins = len(reach_m)
     per_rad = np.float32(bins / (2 * np.pi))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32
 from mottrack.flow.dogma.assign import Assignment
 from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.workers import Span, Workers
@@ -16,9 +16,9 @@ from mottrack.flow.dogma.workers import Span, Workers
 class Moments(NamedTuple):
     """Velocity of the persistent particles of every cell, in world axes; 0 where there are none."""
 
-    velocity_mps: NDArray[np.float32]
+    velocity_mps: F32
     """(rows, cols, 2) mean."""
-    covariance_m2ps2: NDArray[np.float32]
+    covariance_m2ps2: F32
     """(rows, cols, 3) variance along x, covariance, variance along y."""
 
 
@@ -35,7 +35,7 @@ def velocity_moments(
     return moments
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _moments(cells: Span, particles: Particles, assignment: Assignment, moments: Moments) -> None:
     order, start = assignment.order, assignment.start
     for cell in range(cells[0], cells[1]):

@@ -9,8 +9,9 @@ from __future__ import annotations
 from statistics import NormalDist
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -22,7 +23,7 @@ _UNIFORM_STEP = np.float32(1.0 / 4096.0)
 _HALF = np.float32(0.5)
 
 
-def _normal_levels() -> NDArray[np.float32]:
+def _normal_levels() -> F32:
     """4096 equally likely values of the standard normal, scaled to variance one."""
     quantiles = [NormalDist().inv_cdf((k + 0.5) / 4096) for k in range(4096)]
     levels = np.array(quantiles)
@@ -46,7 +47,7 @@ def uniform(key: np.uint64) -> float:
     return float(np.uint64(draw(key, np.uint64(0))) >> np.uint64(11)) * 2.0**-53
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def draw(key: np.uint64, counter: np.uint64) -> np.uint64:
     """64 random bits of (key, counter): the finaliser of SplitMix64 (Steele et al. 2014)."""
     z = key + (np.uint64(counter) + np.uint64(1)) * _GOLDEN
@@ -55,14 +56,14 @@ def draw(key: np.uint64, counter: np.uint64) -> np.uint64:
     return z ^ (z >> _SHIFT_3)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def normal_level(bits: np.uint64, slot: int) -> np.float32:
     """Standard normal from the 12 bits of `slot` 0..4, by a table of quantiles."""
     level: np.float32 = _NORMAL[(bits >> (np.uint64(slot) * _LEVEL_BITS)) & _LEVEL_MASK]
     return level
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def uniform_level(bits: np.uint64, slot: int) -> np.float32:
     """Uniform in (0, 1) from the 12 bits of `slot` 0..4."""
     level = (bits >> (np.uint64(slot) * _LEVEL_BITS)) & _LEVEL_MASK

@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, I32
 from mottrack.flow.dogma.measurement_grid import MeasurementGrid
 from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
 from mottrack.flow.dogma.workers import Span, Workers
-
-Grid = NDArray[np.float32]
-"""(rows, cols) one number a cell."""
 
 
 class OccupancyConfig(StrictModel):
@@ -48,7 +45,7 @@ class Rates(NamedTuple):
 class Carried(NamedTuple):
     """Occupied mass that the particles bring along."""
 
-    start: NDArray[np.int32]
+    start: I32
     """(cells + 1,) cell c holds `start[c + 1] - start[c]` particles."""
     weight: float
     """Mass of each after survival."""
@@ -57,8 +54,8 @@ class Carried(NamedTuple):
 class Masses(NamedTuple):
     """Dempster-Shafer masses of the hypotheses occupied and free; the rest is unknown."""
 
-    occupied: Grid
-    free: Grid
+    occupied: F32
+    free: F32
 
     @classmethod
     def unknown(cls, shape: tuple[int, int]) -> Masses:
@@ -69,11 +66,11 @@ class Masses(NamedTuple):
 class Split(NamedTuple):
     """Occupied mass by where it came from."""
 
-    persistent: Grid
+    persistent: F32
     """Carried by particles that were there before."""
-    born: Grid
+    born: F32
     """Newly appeared."""
-    uncovered: Grid
+    uncovered: F32
     """Share of the born mass that came into view; the rest moved into the cell."""
 
     @classmethod
@@ -92,7 +89,7 @@ def update_occupancy(
     return after, split
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _update(
     rows: Span,
     prediction: tuple[Carried, Rates],
@@ -117,7 +114,7 @@ def _update(
             split.uncovered[row, col] = uncovered
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def predict_cell(
     carried: float, before: tuple[float, float], rates: Rates
 ) -> tuple[float, float, float]:
@@ -132,7 +129,7 @@ def predict_cell(
     return occupied, free, max(unseen, 0.0)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def combine(
     prior: tuple[float, float, float], evidence: tuple[float, float]
 ) -> tuple[float, float]:
@@ -150,7 +147,7 @@ def combine(
     return after, min(max(cleared, 0.0), 1.0 - after)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def split_cell(
     prior: tuple[float, float, float], occupied: float, rates: Rates
 ) -> tuple[float, float, float]:

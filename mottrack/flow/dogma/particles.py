@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F32
 
 
 class Particles(NamedTuple):
@@ -16,13 +17,13 @@ class Particles(NamedTuple):
     systematic resampling makes the share of all particles the same: one number for all of them.
     """
 
-    x_m: NDArray[np.float32]
+    x_m: F32
     """(N,) position along world x, from the window's corner."""
-    y_m: NDArray[np.float32]
+    y_m: F32
     """(N,) position along world y, from the window's corner."""
-    vx_mps: NDArray[np.float32]
+    vx_mps: F32
     """(N,) velocity along world x."""
-    vy_mps: NDArray[np.float32]
+    vy_mps: F32
     """(N,) velocity along world y."""
 
     @classmethod

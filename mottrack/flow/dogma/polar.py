@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, U8, Mask
 from mottrack.flow.dogma.returns import GROUND, OBSTACLE, OWN
 
 
@@ -20,9 +20,7 @@ class Blind(NamedTuple):
     """Free reach where the sensor looked and nothing came back."""
 
 
-def free_reach_m(
-    xy_m: NDArray[np.float32], kind: NDArray[np.uint8], bins: int, blind: Blind
-) -> NDArray[np.float32]:
+def free_reach_m(xy_m: F32, kind: U8, bins: int, blind: Blind) -> F32:
     """(A,) how far each azimuth bin is seen free from the optical centre; bin 0 begins at -pi.
 
     The first obstacle of a direction ends its free reach, else the farthest ground point. `xy_m`
@@ -35,7 +33,7 @@ def free_reach_m(
     return np.asarray(np.where(np.isinf(first_m), open_m, first_m), np.float32)
 
 
-def _wide_gaps(hit: NDArray[np.bool_], widest: int) -> NDArray[np.bool_]:
+def _wide_gaps(hit: Mask, widest: int) -> Mask:
     """Bins in circular runs of more than `widest` bins without a return."""
     bins = len(hit)
     if not hit.any():
@@ -49,10 +47,8 @@ def _wide_gaps(hit: NDArray[np.bool_], widest: int) -> NDArray[np.bool_]:
     return wide
 
 
-@njit(cache=True, nogil=True)
-def _extremes(
-    xy_m: NDArray[np.float32], kind: NDArray[np.uint8], bins: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+@compiled(nogil=True)
+def _extremes(xy_m: F32, kind: U8, bins: int) -> tuple[F32, F32, Mask]:
     """Nearest obstacle, farthest ground point and whether there is any return, per bin."""
     first_m = np.full(bins, np.inf, np.float32)
     ground_m = np.zeros(bins, np.float32)

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from pydantic import Field
 
+from mottrack.compiled import compiled
 from mottrack.config import StrictModel
 from mottrack.flow.dogma.noise import draw, normal_level, uniform_level
 from mottrack.flow.dogma.particles import Particles
@@ -64,7 +64,7 @@ def survival_over(dt_s: float, config: MotionConfig) -> float:
     return float(config.survival ** (dt_s / REFERENCE_PERIOD_S))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def predict(span: Span, particles: Particles, motion: Motion, key: np.uint64) -> None:
     """In place: x += v dt + N(0, sigma_p), v += N(0, sigma_v); at rest both stay as they are."""
     slow2 = motion.rest_below_mps * motion.rest_below_mps

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64
 from mottrack.flow.dogma.assign import Assignment
 from mottrack.flow.dogma.births import Births
 from mottrack.flow.dogma.particles import Particles
@@ -28,7 +28,7 @@ class Candidates(NamedTuple):
 
 def resample(
     candidates: Candidates,
-    persistent: NDArray[np.float32],
+    persistent: F32,
     offset: float,
     chosen: Particles,
     workers: Workers,
@@ -48,8 +48,8 @@ def resample(
     return spacing
 
 
-@njit(cache=True, nogil=True)
-def _layout(persistent: NDArray[np.float32], births: Births) -> NDArray[np.float64]:
+@compiled(nogil=True)
+def _layout(persistent: F32, births: Births) -> F64:
     """(cells + 1,) where the mass of each cell begins."""
     begin = np.empty(len(persistent) + 1)
     begin[0] = 0.0
@@ -59,11 +59,11 @@ def _layout(persistent: NDArray[np.float32], births: Births) -> NDArray[np.float
     return begin
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _comb(
     cells: Span,
     candidates: Candidates,
-    layout: tuple[NDArray[np.float64], NDArray[np.float32]],
+    layout: tuple[F64, F32],
     comb: tuple[float, float],
     chosen: Particles,
 ) -> None:
@@ -87,14 +87,14 @@ def _comb(
                     _copy(candidates.particles, candidates.assignment.order[index], chosen, k)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _first_tooth(place: float, comb: tuple[float, float]) -> int:
     """Number of the first tooth at or behind a place."""
     spacing, offset = comb
     return int(np.ceil(place / spacing - offset))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _copy(source: Particles, index: int, target: Particles, place: int) -> None:
     target.x_m[place] = source.x_m[index]
     target.y_m[place] = source.y_m[index]

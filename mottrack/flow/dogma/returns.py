@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, U8
 from mottrack.core.sweep import Sweep
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 from mottrack.lidar.ground import find_ground
@@ -19,11 +19,11 @@ of the own vehicle show nothing."""
 class Returns(NamedTuple):
     """N points of a sweep on the plane, around the sensor's optical centre."""
 
-    xy_m: NDArray[np.float32]
+    xy_m: F32
     """(N, 2) along the world's axes, from the optical centre."""
-    kind: NDArray[np.uint8]
+    kind: U8
     """(N,) GROUND, OBSTACLE, OVERHEAD or OWN."""
-    centre_m: NDArray[np.float64]
+    centre_m: F64
     """(2,) the optical centre in the world."""
 
 
@@ -39,7 +39,7 @@ def returns_of(sweep: Sweep, stage: GroundStage) -> Returns:
     return Returns(xy_m, _kinds(sweep.xyz_m, stage), pose.apply(sweep.origin_m[None])[0, :2])
 
 
-def _kinds(xyz_m: NDArray[np.float32], stage: GroundStage) -> NDArray[np.uint8]:
+def _kinds(xyz_m: F32, stage: GroundStage) -> U8:
     """What each point (N, 3) of the ego frame was reflected by."""
     kind = np.full(len(xyz_m), OBSTACLE)
     if len(xyz_m) and stage.enabled:

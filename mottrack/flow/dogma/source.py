@@ -8,15 +8,15 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import Mask
 from mottrack.core.errors import InputError
-from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, View, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
 from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
@@ -55,7 +55,7 @@ class DogmaFlow:
     """The recursive rival of two-frame flow: a particle filter that lives through a scene."""
 
     Config = DogmaConfig
-    faults = replace(FLOW_FAULTS, relative=0.0)
+    error_model = replace(FLOW_ERRORS, relative=0.0)
     """Its covariance has the relative part in it (`ReadoutConfig.relative`)."""
     stateful = True
     """Each estimate builds on all sweeps before it."""
@@ -78,7 +78,7 @@ class DogmaFlow:
         """The map after the last sweep, in world axes; None before the first."""
         return self._map
 
-    def current_map(self) -> tuple[GridMap, NDArray[np.bool_]]:
+    def current_map(self) -> tuple[GridMap, Mask]:
         """`grid_map`, and which (rows, cols) of its cells the Mahalanobis test calls moving.
 
         Raises:

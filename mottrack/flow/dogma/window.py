@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from mottrack.core.arrays import F32, F64
 
 
 class Window(NamedTuple):
@@ -36,7 +37,7 @@ class Window(NamedTuple):
         return self.rows, self.cols
 
     @property
-    def corner_m(self) -> NDArray[np.float64]:
+    def corner_m(self) -> F64:
         """(2,) world x and y of the window's lower corner."""
         return np.array([self.col0 * self.cell_m, self.row0 * self.cell_m])
 
@@ -51,7 +52,7 @@ class Window(NamedTuple):
         return rows.start, rows.stop, cols.start, cols.stop
 
 
-def moved(values: NDArray[np.float32], offset: tuple[int, int]) -> NDArray[np.float32]:
+def moved(values: F32, offset: tuple[int, int]) -> F32:
     """Values (rows, cols) of the same cells after the window moved by `offset`; new cells are 0."""
     result = np.zeros_like(values)
     row_to, row_from = _overlap(values.shape[0], offset[0])

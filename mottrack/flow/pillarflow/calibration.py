@@ -16,9 +16,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating]
+from mottrack.core.arrays import F32, F64, I64, Floats, Mask
+
 INSIDE_1_SIGMA = 1.0 - math.exp(-0.5)
 INSIDE_2_SIGMA = 1.0 - math.exp(-2.0)
 RESTING_M = 0.03
@@ -39,7 +39,7 @@ class Calibration:
     half_m: float = 0.1
     """Motion with half of that."""
 
-    def covariance_m2(self, head_m2: Floats, motion_m: Floats) -> NDArray[np.float32]:
+    def covariance_m2(self, head_m2: Floats, motion_m: Floats) -> F32:
         """Covariance (...,2,2) from the head's (...,2,2) and the claimed motion (...,2)."""
         way_m = np.hypot(motion_m[..., 0], motion_m[..., 1])
         sigma_m = self.sigma_m * way_m / (way_m + self.half_m)
@@ -51,28 +51,26 @@ class Calibration:
 class Residuals:
     """What a network said of N held-out cells and how wrong it was."""
 
-    error_m: NDArray[np.float32]
+    error_m: F32
     """(N,2) claimed less true motion."""
-    motion_m: NDArray[np.float32]
+    motion_m: F32
     """(N,2) claimed motion."""
-    head_m2: NDArray[np.float32]
+    head_m2: F32
     """(N,2,2) covariance of the head."""
 
     def __len__(self) -> int:
         return len(self.error_m)
 
-    def select(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> Residuals:
+    def select(self, chosen: Mask | I64) -> Residuals:
         """These cells."""
         return Residuals(self.error_m[chosen], self.motion_m[chosen], self.head_m2[chosen])
 
-    def mahalanobis2(self, calibration: Calibration) -> NDArray[np.float64]:
+    def mahalanobis2(self, calibration: Calibration) -> F64:
         """(N,) squared errors in units of the calibrated covariance."""
         c = calibration.covariance_m2(self.head_m2, self.motion_m).astype(np.float64)
         x, y = self.error_m.astype(np.float64).T
         xx, xy, yy = c[:, 0, 0], c[:, 0, 1], c[:, 1, 1]
-        squares: NDArray[np.float64] = (yy * x * x - 2 * xy * x * y + xx * y * y) / (
-            xx * yy - xy * xy
-        )
+        squares: F64 = (yy * x * x - 2 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
         return squares
 
 
@@ -98,7 +96,7 @@ def fit_calibration(cells: Residuals) -> Calibration:
     return min(tried, key=lambda one: _miss(moving, one))
 
 
-def inside(squares: NDArray[np.float64]) -> tuple[float, float]:
+def inside(squares: F64) -> tuple[float, float]:
     """Shares of squared Mahalanobis distances (N,) inside one and two sigma."""
     if not len(squares):
         return 0.0, 0.0

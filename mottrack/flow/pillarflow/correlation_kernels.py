@@ -8,14 +8,14 @@ fast as products over the channels of one cell after the other (one core, AVX-51
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
-from numpy.typing import NDArray
+from numba import prange
 
-Array = NDArray[np.float32]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32
 
 
-@njit(cache=True, nogil=True, parallel=True, fastmath=True)
-def _planes(maps: Array, reach: int) -> Array:
+@compiled(nogil=True, parallel=True, fastmath=True)
+def _planes(maps: F32, reach: int) -> F32:
     """(B,H,W,C) -> (B,H,C,W + 2 reach)."""
     batch, height, width, channels = maps.shape
     planes = np.zeros((batch, height, channels, width + 2 * reach), np.float32)
@@ -27,15 +27,15 @@ def _planes(maps: Array, reach: int) -> Array:
     return planes
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _add_product(total: Array, one: Array, two: Array) -> None:
+@compiled(nogil=True, fastmath=True)
+def _add_product(total: F32, one: F32, two: F32) -> None:
     """Add the product of two rows to a third."""
     for x in range(len(total)):
         total[x] += one[x] * two[x]
 
 
-@njit(cache=True, nogil=True, parallel=True, fastmath=True)
-def correlate(current: Array, previous: Array, reach: int, costs: Array) -> None:
+@compiled(nogil=True, parallel=True, fastmath=True)
+def correlate(current: F32, previous: F32, reach: int, costs: F32) -> None:
     """costs[b,y,x,s] = 1/C sum_c current[b,y,x,c] previous[b,y+dy,x+dx,c]."""
     batch, height, width, channels = current.shape
     side = 2 * reach + 1
@@ -54,17 +54,17 @@ def correlate(current: Array, previous: Array, reach: int, costs: Array) -> None
                 costs[b, y, x, s] = row[s, x] * scale
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _add_products(total: Array, slope: Array, maps: Array, start: int) -> None:
+@compiled(nogil=True, fastmath=True)
+def _add_products(total: F32, slope: F32, maps: F32, start: int) -> None:
     """Add slope * maps, shifted by `start`, to each channel of `total` (C,W)."""
     width = total.shape[1]
     for c in range(len(total)):
         _add_product(total[c], slope, maps[c, start : start + width])
 
 
-@njit(cache=True, nogil=True, parallel=True, fastmath=True)
+@compiled(nogil=True, parallel=True, fastmath=True)
 def correlate_backward(
-    slope: Array, current: Array, previous: Array, to_current: Array, to_previous: Array
+    slope: F32, current: F32, previous: F32, to_current: F32, to_previous: F32
 ) -> None:
     """Pull the gradient `slope` of the costs back to both maps (each written by its own row)."""
     batch, height, width, channels = current.shape

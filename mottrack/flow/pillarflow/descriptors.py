@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64, Mask
+
 DESCRIPTORS = 9
 
 
@@ -33,10 +33,8 @@ class CellGrid:
         return self.rows * self.columns
 
 
-@njit(cache=True, nogil=True)
-def _place(
-    points: Floats, origin: Floats, cell_m: float, shape: tuple[int, int]
-) -> NDArray[np.int64]:
+@compiled(nogil=True)
+def _place(points: F32, origin: F32, cell_m: float, shape: tuple[int, int]) -> I64:
     cells = np.empty(len(points), np.int64)
     for i in range(len(points)):
         column = int(np.floor((points[i, 0] - origin[0]) / cell_m))
@@ -46,8 +44,8 @@ def _place(
     return cells
 
 
-@njit(cache=True, nogil=True)
-def _means(points: Floats, cells: NDArray[np.int64], count: int) -> Floats:
+@compiled(nogil=True)
+def _means(points: F32, cells: I64, count: int) -> F32:
     sums = np.zeros((count, 4), np.float32)
     for i in range(len(points)):
         if cells[i] >= 0:
@@ -61,13 +59,13 @@ def _means(points: Floats, cells: NDArray[np.int64], count: int) -> Floats:
     return sums
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _describe(
-    points: Floats,
-    cells: NDArray[np.int64],
-    means: Floats,
-    frame: tuple[Floats, float, int],
-) -> Floats:
+    points: F32,
+    cells: I64,
+    means: F32,
+    frame: tuple[F32, float, int],
+) -> F32:
     origin, cell_m, columns = frame
     out = np.empty((len(points), 9), np.float32)
     for i in range(len(points)):
@@ -82,14 +80,14 @@ def _describe(
     return out
 
 
-def place(points: Floats, grid: CellGrid) -> NDArray[np.int64]:
+def place(points: F32, grid: CellGrid) -> I64:
     """Flat cell of each point (N,4), -1 outside of the grid."""
     origin = np.array([grid.x_min_m, grid.y_min_m], np.float32)
-    cells: NDArray[np.int64] = _place(points, origin, grid.cell_m, (grid.rows, grid.columns))
+    cells: I64 = _place(points, origin, grid.cell_m, (grid.rows, grid.columns))
     return cells
 
 
-def describe(points: Floats, grid: CellGrid) -> tuple[Floats, NDArray[np.int64], NDArray[np.bool_]]:
+def describe(points: F32, grid: CellGrid) -> tuple[F32, I64, Mask]:
     """Points (N,4) x,y,z,r [m] -> descriptors (M,9) and flat cell (M,) of those inside (N,)."""
     cells = place(points, grid)
     inside = cells >= 0

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
+from mottrack.core.arrays import F32
 from mottrack.core.errors import MottrackError
 from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.flow.pillarflow.inference.fold import folded
@@ -84,13 +84,13 @@ def export_onnx(weights: Weights, file: Path, cells: CellGrid) -> float:
     return worst
 
 
-def _onnxruntime(file: Path, inputs: tuple[torch.Tensor, ...]) -> list[NDArray[np.float32]]:
+def _onnxruntime(file: Path, inputs: tuple[torch.Tensor, ...]) -> list[F32]:
     import onnxruntime
 
     session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
     fed = dict(zip(INPUTS, (one.numpy() for one in inputs), strict=True))
     wanted = {one.name for one in session.get_inputs()}
-    results: list[NDArray[np.float32]] = session.run(
+    results: list[F32] = session.run(
         list(OUTPUTS), {name: value for name, value in fed.items() if name in wanted}
     )
     return results

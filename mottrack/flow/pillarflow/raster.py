@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I8, I64
 from mottrack.core.grid import BevGrid
 from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.lidar.visibility import FREE, UNSEEN
-
-Floats = NDArray[np.float32]
 
 
 def network_cells(grid: BevGrid, cell_m: float, multiple: int) -> CellGrid:
@@ -23,7 +21,7 @@ def network_cells(grid: BevGrid, cell_m: float, multiple: int) -> CellGrid:
     return CellGrid(grid.x_min_m, grid.y_min_m, cell_m, rows, columns)
 
 
-def cell_of_centres(grid: BevGrid, cells: CellGrid) -> NDArray[np.int64]:
+def cell_of_centres(grid: BevGrid, cells: CellGrid) -> I64:
     """(H,W) flat network cell that holds the centre of each cell of `grid`."""
     centres = grid.centres_m()
     columns = np.floor((centres[..., 0] - cells.x_min_m) / cells.cell_m)
@@ -32,10 +30,10 @@ def cell_of_centres(grid: BevGrid, cells: CellGrid) -> NDArray[np.int64]:
 
 
 def seen_shares(
-    seen: tuple[NDArray[np.int8] | None, NDArray[np.int8] | None],
-    index: NDArray[np.int64],
+    seen: tuple[I8 | None, I8 | None],
+    index: I64,
     cells: CellGrid,
-) -> Floats:
+) -> F32:
     """(4,rows,columns) unseen and seen-free shares of the current, then the previous sweep.
 
     `seen` are the (H,W) rasters (current, previous) of `lidar.visibility`; all zero, which stands
@@ -48,8 +46,8 @@ def seen_shares(
     return channels
 
 
-@njit(cache=True)
-def _shares(states: NDArray[np.int8], index: NDArray[np.int64], shares: Floats) -> None:
+@compiled
+def _shares(states: I8, index: I64, shares: F32) -> None:
     """Fills (2+,cells): of the interface cells inside each network cell, those unseen and free."""
     total = np.zeros(shares.shape[1], np.float32)
     for i in range(len(states)):
@@ -64,6 +62,6 @@ def _shares(states: NDArray[np.int8], index: NDArray[np.int64], shares: Floats) 
             shares[1, cell] /= total[cell]
 
 
-def network_points(xyz_m: Floats, height_m: Floats, reflectance: Floats) -> Floats:
+def network_points(xyz_m: F32, height_m: F32, reflectance: F32) -> F32:
     """(N,4) x, y, height above ground, reflectance: what a pillar sees of a point."""
     return np.column_stack((xyz_m[:, :2], height_m, reflectance)).astype(np.float32)

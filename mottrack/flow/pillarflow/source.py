@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import Mask
 from mottrack.core.errors import ConfigError
-from mottrack.core.faults import FLOW_FAULTS
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
+from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.pillarflow.raster import (
     cell_of_centres,
     network_cells,
@@ -24,7 +24,7 @@ from mottrack.flow.pillarflow.raster import (
 from mottrack.flow.pillarflow.shipped import weights_path
 from mottrack.flow.stages import Stages, StagesConfig
 from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
-from mottrack.flow.sweep_pair.prepared import Prepared
+from mottrack.flow.sweep_pair.prepared import SweepPair
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.inference.engine import Engine, Motion
@@ -65,7 +65,7 @@ class PillarFlow:
     """
 
     Config: type[PillarFlowConfig] = PillarFlowConfig
-    faults = FLOW_FAULTS
+    error_model = FLOW_ERRORS
 
     def __init__(
         self, config: PillarFlowConfig | None = None, *, grid: BevGrid | None = None
@@ -101,7 +101,7 @@ class PillarFlow:
         field = self.raw(prepared)
         return self.stages.after(field, prepared) if self.config.refined else field
 
-    def raw(self, prepared: Prepared) -> FlowField:
+    def raw(self, prepared: SweepPair) -> FlowField:
         """The network alone, on a prepared pair; nothing is valid if either sweep is empty."""
         occupied = self.grid.occupancy(prepared.current.xyz_m)
         stamp_ns = prepared.current.stamp_ns
@@ -121,7 +121,7 @@ class PillarFlow:
         """Forgets the work on earlier sweeps."""
         self.stages.forget()
 
-    def _field(self, motion: Motion, occupied: NDArray[np.bool_], prepared: Prepared) -> FlowField:
+    def _field(self, motion: Motion, occupied: Mask, prepared: SweepPair) -> FlowField:
         """The network's cells looked up for each occupied cell, divided by the elapsed time."""
         rows, columns = np.divmod(self._index[occupied], self.cells.columns)
         rows, columns = rows // motion.stride, columns // motion.stride

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.flow.registration.matcher import Matcher, Matches
-from mottrack.flow.registration.motion_test import Judged
-from mottrack.flow.sweep_pair.prepared import Prepared
+from mottrack.flow.registration.motion_test import MotionDecision
+from mottrack.flow.sweep_pair.prepared import SweepPair
 
 
 def component_field(
-    grid: BevGrid, prepared: Prepared, matcher: Matcher, judged: Judged
+    grid: BevGrid, prepared: SweepPair, matcher: Matcher, judged: MotionDecision
 ) -> FlowField:
     """Velocity of each occupied cell from the component that holds most of its points.
 
@@ -44,9 +44,7 @@ def component_field(
     )
 
 
-def cell_displacements(
-    matches: Matches, owner: NDArray[np.int64], xy_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def cell_displacements(matches: Matches, owner: I64, xy_m: F64) -> F64:
     """(C, 2) displacement since the previous sweep of places (C, 2) on components (C,)."""
     cos, sin = np.cos(matches.turn_rad[owner]) - 1, np.sin(matches.turn_rad[owner])
     dx, dy = (xy_m - matches.centre_m[owner]).T
@@ -54,9 +52,7 @@ def cell_displacements(
     return -(turned_m + matches.shift_m[owner])
 
 
-def _owners(
-    grid: BevGrid, matcher: Matcher, xyz_m: NDArray[np.float32], judged: Judged
-) -> NDArray[np.int64]:
+def _owners(grid: BevGrid, matcher: Matcher, xyz_m: F32, judged: MotionDecision) -> I64:
     """(H, W) component with most points in each cell, -1 for none."""
     label_at = np.full(matcher.raster.shape, -1, np.int64)
     rows, cols, _ = matcher.raster.cells(matcher.points_m)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64, Floats, Mask
 from mottrack.core.grid import BevGrid
 
 
-def connected_cells(
-    xy_m: NDArray[np.floating], grid: BevGrid, far_m: float
-) -> tuple[NDArray[np.int64], int]:
+def connected_cells(xy_m: Floats, grid: BevGrid, far_m: float) -> tuple[I64, int]:
     """Component of each point (N,), -1 outside the grid, and how many components there are.
 
     Cells are linked to their eight neighbours; beyond `far_m` from the vehicle, where rays are
@@ -26,8 +24,8 @@ def connected_cells(
     return np.where(inside, labels[rows, cols], -1), int(count)
 
 
-@njit(cache=True)
-def _label(occupied: NDArray[np.bool_], reach: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+@compiled
+def _label(occupied: Mask, reach: I64) -> tuple[I64, int]:
     """Flood fill: component of each occupied cell, from 0; -1 where empty."""
     height, width = occupied.shape
     labels = np.full((height, width), -1, np.int64)
@@ -54,17 +52,17 @@ def _label(occupied: NDArray[np.bool_], reach: NDArray[np.int64]) -> tuple[NDArr
 
 def grown_labels(
     shape: tuple[int, int],
-    cells: tuple[NDArray[np.int64], NDArray[np.int64]],
-    label_of: NDArray[np.int64],
-) -> NDArray[np.int64]:
+    cells: tuple[I64, I64],
+    label_of: I64,
+) -> I64:
     """(H, W) label of each cell from its points (rows, columns), grown into empty neighbours."""
     labels = np.full(shape, -1, np.int64)
     labels[cells] = label_of
     return np.asarray(_grown(labels))
 
 
-@njit(cache=True)
-def _grown(labels: NDArray[np.int64]) -> NDArray[np.int64]:
+@compiled
+def _grown(labels: I64) -> I64:
     height, width = labels.shape
     grown = labels.copy()
     for r in range(height):
@@ -79,10 +77,10 @@ def _grown(labels: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def moving_cells(
-    velocity_mps: NDArray[np.float32],
-    usable: NDArray[np.bool_],
+    velocity_mps: F32,
+    usable: Mask,
     limits_mps: tuple[float, float, float],
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[I64, int]:
     """(H, W) component of moving cells of similar velocity, -1 elsewhere, and how many.
 
     `limits_mps`: least speed; largest velocity step inside a component, or its share of the
@@ -92,12 +90,12 @@ def moving_cells(
     return labels, int(count)
 
 
-@njit(cache=True)
+@compiled
 def _label_moving(
-    velocity_mps: NDArray[np.float32],
-    usable: NDArray[np.bool_],
+    velocity_mps: F32,
+    usable: Mask,
     limits_mps: tuple[float, float, float],
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[I64, int]:
     height, width = usable.shape
     slowest, step, share = limits_mps
     speed = np.sqrt(velocity_mps[..., 0] ** 2 + velocity_mps[..., 1] ** 2)

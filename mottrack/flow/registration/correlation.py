@@ -8,12 +8,13 @@ Its best few minima are the starts of a registration.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I64, Mask
 
 
-@njit(cache=True)
-def distance_map(occupied: NDArray[np.bool_], cap: float) -> NDArray[np.float32]:
+@compiled
+def distance_map(occupied: Mask, cap: float) -> F32:
     """(H, W) distance in cells to the nearest occupied cell, at most `cap`; 1 / sqrt(2) chamfer."""
     height, width = occupied.shape
     far = np.float32(cap)
@@ -33,14 +34,14 @@ def distance_map(occupied: NDArray[np.bool_], cap: float) -> NDArray[np.float32]
     return distance
 
 
-@njit(cache=True)
+@compiled
 def correlation_starts(
-    distance: NDArray[np.float32],
-    cells: NDArray[np.int64],
+    distance: F32,
+    cells: I64,
     reach: int,
     step: int,
     count: int,
-) -> NDArray[np.int64]:
+) -> I64:
     """(K, 2) best displacements (rows, columns) of a component, local minima, best first.
 
     Args:
@@ -57,15 +58,15 @@ def correlation_starts(
             if (i - reach) ** 2 + (j - reach) ** 2 <= reach * reach:
                 down, right = step * (i - reach), step * (j - reach)
                 score[i + 1, j + 1] = _mean_distance(distance, cells, down, right)
-    best: NDArray[np.int64] = step * (_lowest_minima(score, count) - 1 - reach)
+    best: I64 = step * (_lowest_minima(score, count) - 1 - reach)
     if step > 1:
         for k in range(len(best)):
             _descend(distance, cells, best[k], step)
     return best
 
 
-@njit(cache=True)
-def _lowest_minima(score: NDArray[np.float64], count: int) -> NDArray[np.int64]:
+@compiled
+def _lowest_minima(score: F64, count: int) -> I64:
     """(K, 2) row and column of the finite local minima inside the rim, lowest first."""
     minima = np.empty((score.size, 3))
     found = 0
@@ -79,10 +80,8 @@ def _lowest_minima(score: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     return minima[order, 1:].astype(np.int64)
 
 
-@njit(cache=True)
-def _descend(
-    distance: NDArray[np.float32], cells: NDArray[np.int64], shift: NDArray[np.int64], most: int
-) -> None:
+@compiled
+def _descend(distance: F32, cells: I64, shift: I64, most: int) -> None:
     """Moves a displacement (2,), in place, downhill by single cells, `most` times at most."""
     here = _mean_distance(distance, cells, shift[0], shift[1])
     for _ in range(most):
@@ -99,10 +98,8 @@ def _descend(
         shift[1] += right
 
 
-@njit(cache=True)
-def _mean_distance(
-    distance: NDArray[np.float32], cells: NDArray[np.int64], down: int, right: int
-) -> float:
+@compiled
+def _mean_distance(distance: F32, cells: I64, down: int, right: int) -> float:
     height, width = distance.shape
     total = 0.0
     for k in range(len(cells)):
@@ -112,14 +109,14 @@ def _mean_distance(
     return total / len(cells)
 
 
-@njit(cache=True)
+@compiled
 def all_starts(
-    distance: NDArray[np.float32],
-    cells: NDArray[np.int64],
-    spans: NDArray[np.int64],
-    wanted: NDArray[np.bool_],
+    distance: F32,
+    cells: I64,
+    spans: I64,
+    wanted: Mask,
     limits: tuple[int, int, int, int],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[I64, I64]:
     """Starts (S, 2) in cells of every wanted component and the first of each (K + 1,).
 
     Args:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64
 from mottrack.flow.registration.matcher import Labels, Matcher
-from mottrack.flow.registration.motion_test import Judged, VerdictConfig, noise_floor
+from mottrack.flow.registration.motion_test import MotionDecision, MotionTestConfig, noise_floor
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, nearest
 
 _NEAR_M = 1.5
@@ -24,7 +24,9 @@ _AT_REST_M = 0.05
 """A piece that rest explains this close to the floor stays at rest, whoever passes by."""
 
 
-def follow_neighbours(matcher: Matcher, judged: Judged, config: VerdictConfig) -> Judged:
+def follow_neighbours(
+    matcher: Matcher, judged: MotionDecision, config: MotionTestConfig
+) -> MotionDecision:
     """The same components, of which small ones near a moving one may now move with it.
 
     What a small piece found on its own counts only where no larger neighbour moves, or where the
@@ -60,14 +62,14 @@ def follow_neighbours(matcher: Matcher, judged: Judged, config: VerdictConfig) -
     return replace(judged, matches=matches, moving=judged.moving | joins)
 
 
-@njit(cache=True)
+@compiled
 def _leaders(
     grid: PointGrid,
-    points_m: NDArray[np.float32],
-    component_of: NDArray[np.int64],
-    leader_at: NDArray[np.int64],
+    points_m: F32,
+    component_of: I64,
+    leader_at: I64,
     count: int,
-) -> NDArray[np.int64]:
+) -> I64:
     """(K,) the moving component nearest to each resting one, -1 where none is near."""
     leader_of = np.full(count, -1, np.int64)
     best = np.full(count, np.inf)

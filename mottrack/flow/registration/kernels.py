@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.lidar.point_grid import PointGrid, nearest
 from mottrack.lidar.range_image import HIDDEN, RangeImage, state_at
 from mottrack.lidar.residual import translation_icp
@@ -42,7 +42,7 @@ class MatchScene(NamedTuple):
     current: PointGrid
     previous_image: RangeImage
     current_image: RangeImage
-    footprint: NDArray[np.int64]
+    footprint: I64
     """(H, W) component of each cell, grown into the empty cells around it; -1 for none."""
     corner_m: tuple[float, float]
     """Lower left corner of the footprint raster."""
@@ -55,9 +55,9 @@ Motion = tuple[float, float, float, float, float]
 """Shift x, y, turn in radians, and the centre x, y that it is about."""
 
 
-@njit(cache=True)
+@compiled
 def hypothesis_cost(
-    scene: MatchScene, points_m: NDArray[np.float32], owner: tuple[int, int], motion: Motion
+    scene: MatchScene, points_m: F32, owner: tuple[int, int], motion: Motion
 ) -> tuple[float, int]:
     """Mean capped distance both ways of one motion, and how many points it is the mean of.
 
@@ -73,8 +73,8 @@ def hypothesis_cost(
     return ((forward + backward) / total if total else scene.cap_m), total
 
 
-@njit(cache=True)
-def _forward(scene: MatchScene, points_m: NDArray[np.float32], motion: Motion) -> tuple[float, int]:
+@compiled
+def _forward(scene: MatchScene, points_m: F32, motion: Motion) -> tuple[float, int]:
     cos, sin = np.cos(motion[2]), np.sin(motion[2])
     centre_x, centre_y = motion[3], motion[4]
     total, count = 0.0, 0
@@ -90,9 +90,9 @@ def _forward(scene: MatchScene, points_m: NDArray[np.float32], motion: Motion) -
     return total, count
 
 
-@njit(cache=True)
+@compiled
 def _backward(
-    scene: MatchScene, points_m: NDArray[np.float32], owner: tuple[int, int], motion: Motion
+    scene: MatchScene, points_m: F32, owner: tuple[int, int], motion: Motion
 ) -> tuple[float, int]:
     grid = scene.previous
     cos, sin = np.cos(motion[2]), np.sin(motion[2])
@@ -122,7 +122,7 @@ def _backward(
     return total, count
 
 
-@njit(cache=True)
+@compiled
 def _inside(scene: MatchScene, x_m: float, y_m: float, component: int) -> bool:
     col = int((x_m - scene.corner_m[0]) // scene.cell_m)
     row = int((y_m - scene.corner_m[1]) // scene.cell_m)
@@ -132,9 +132,9 @@ def _inside(scene: MatchScene, x_m: float, y_m: float, component: int) -> bool:
     return bool(scene.footprint[row, col] == component)
 
 
-@njit(cache=True)
+@compiled
 def _window(
-    grid: PointGrid, points_m: NDArray[np.float32], motion: Motion, pad_m: float
+    grid: PointGrid, points_m: F32, motion: Motion, pad_m: float
 ) -> tuple[int, int, int, int]:
     """Columns and rows of the grid that hold the moved component and a margin."""
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
@@ -149,13 +149,13 @@ def _window(
     return col_low, col_high, row_low, row_high
 
 
-@njit(cache=True)
+@compiled
 def shift_costs(
     scene: MatchScene,
-    components: tuple[NDArray[np.float32], NDArray[np.int64]],
-    shifts_m: NDArray[np.float64],
+    components: tuple[F32, I64],
+    shifts_m: F64,
     max_points: int,
-) -> NDArray[np.float64]:
+) -> F64:
     """(K, 2) cost of one shift (K, 2) of each component, and how many points it is the mean of."""
     points_m, spans = components
     costs = np.zeros((len(spans) - 1, 2))
@@ -166,22 +166,20 @@ def shift_costs(
     return costs
 
 
-@njit(cache=True)
-def _chosen(
-    points_m: NDArray[np.float32], spans: NDArray[np.int64], k: int, max_points: int
-) -> tuple[NDArray[np.float32], int]:
+@compiled
+def _chosen(points_m: F32, spans: I64, k: int, max_points: int) -> tuple[F32, int]:
     stride = max((spans[k + 1] - spans[k]) // max_points, 1)
     return np.ascontiguousarray(points_m[spans[k] : spans[k + 1] : stride]), stride
 
 
-@njit(cache=True)
+@compiled
 def match_components(
     scene: MatchScene,
-    components: tuple[NDArray[np.float32], NDArray[np.int64]],
-    starts: tuple[NDArray[np.float64], NDArray[np.int64]],
-    rest: NDArray[np.float64],
+    components: tuple[F32, I64],
+    starts: tuple[F64, I64],
+    rest: F64,
     limits: tuple[int, float, float, float, int],
-) -> NDArray[np.float64]:
+) -> F64:
     """(K, 7) of each component: its best motion (shift, turn, centre), its cost, significance.
 
     Args:
@@ -214,12 +212,12 @@ def match_components(
     return result
 
 
-@njit(cache=True)
+@compiled
 def _best(
     scene: MatchScene,
-    points_m: NDArray[np.float32],
+    points_m: F32,
     owner: tuple[int, int],
-    candidates: NDArray[np.float64],
+    candidates: F64,
     bounds: tuple[float, float, float],
 ) -> tuple[Motion, float]:
     """Best shift over all starts: a coarse registration of each, a fine one of the best two."""
@@ -254,8 +252,8 @@ def _best(
     return best_motion, best
 
 
-@njit(cache=True)
-def significance(scene: MatchScene, points_m: NDArray[np.float32], motion: Motion) -> float:
+@compiled
+def significance(scene: MatchScene, points_m: F32, motion: Motion) -> float:
     """How many standard errors better a motion explains the current points than rest.
 
     Paired by point, `t = mean(d_rest - d_moved) / (std / sqrt(n))`: the noise of the sensor and
@@ -284,10 +282,10 @@ def significance(scene: MatchScene, points_m: NDArray[np.float32], motion: Motio
     return float(mean / np.sqrt(variance / count))
 
 
-@njit(cache=True)
+@compiled
 def _polish(
     scene: MatchScene,
-    points_m: NDArray[np.float32],
+    points_m: F32,
     owner: tuple[int, int],
     found: tuple[Motion, float],
     max_turn_rad: float,
@@ -324,8 +322,8 @@ def _polish(
     return (x, y, turn, centre_x, centre_y), best
 
 
-@njit(cache=True)
-def _middle(points_m: NDArray[np.float32]) -> tuple[float, float, float]:
+@compiled
+def _middle(points_m: F32) -> tuple[float, float, float]:
     """Centre x, y and the root mean square distance from it, at least a tenth of a metre."""
     x, y, square = 0.0, 0.0, 0.0
     for i in range(len(points_m)):

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.grid import BevGrid
 from mottrack.flow.registration.components import grown_labels
 from mottrack.flow.registration.correlation import all_starts, distance_map
 from mottrack.flow.registration.kernels import MatchScene, match_components, shift_costs
-from mottrack.flow.sweep_pair.prepared import Prepared
+from mottrack.flow.sweep_pair.prepared import SweepPair
 from mottrack.lidar.point_grid import build_point_grid
 from mottrack.lidar.range_image import PASSED, asked_from, seen_before
 
@@ -52,29 +52,29 @@ _COST_SHARE = 0.4
 class Matches:
     """The best shift of each of K components."""
 
-    shift_m: NDArray[np.float64]
+    shift_m: F64
     """(K, 2) planar shift of the centre from the current to the previous place."""
-    turn_rad: NDArray[np.float64]
+    turn_rad: F64
     """(K,) turn about the centre from the current to the previous heading."""
-    centre_m: NDArray[np.float64]
+    centre_m: F64
     """(K, 2) centre of the turn in the current sweep."""
-    cost_m: NDArray[np.float64]
+    cost_m: F64
     """(K,) mean capped distance, both ways, of the best shift."""
-    significance: NDArray[np.float64]
+    significance: F64
     """(K,) standard errors by which the best shift explains the points better than rest."""
-    rest_cost_m: NDArray[np.float64]
+    rest_cost_m: F64
     """(K,) mean capped distance, both ways, of no shift."""
-    compared: NDArray[np.int64]
+    compared: I64
     """(K,) points, of both sweeps, that the cost of rest is the mean of; hidden ones left out."""
-    points: NDArray[np.int64]
+    points: I64
     """(K,) thinned points of the component."""
-    passed: NDArray[np.int64]
+    passed: I64
     """(K,) thinned points that stand where the previous sweep saw through."""
     sampled: int
     """Most points of a component that are compared."""
 
     @property
-    def sigma_m(self) -> NDArray[np.float64]:
+    def sigma_m(self) -> F64:
         """(K,) standard deviation of one coordinate of the shift."""
         return np.hypot(_SIGMA_M, _COST_SHARE * self.cost_m)
 
@@ -83,20 +83,20 @@ class Matches:
 class Labels:
     """Components of the thinned current points."""
 
-    of_point: NDArray[np.int64]
+    of_point: I64
     """(M,) component of each thinned point, -1 for none."""
     count: int
 
 
-Starts = tuple[NDArray[np.float64], NDArray[np.int64]]
+Starts = tuple[F64, I64]
 """(S, 2) shifts in metres sorted by component, and the (K + 1,) first one of each."""
-_Sorted = tuple[MatchScene, NDArray[np.int64], NDArray[np.int64]]
+_Sorted = tuple[MatchScene, I64, I64]
 
 
 class Matcher:
     """Both sweeps of a pair, thinned and indexed."""
 
-    def __init__(self, prepared: Prepared, config: MatchConfig) -> None:
+    def __init__(self, prepared: SweepPair, config: MatchConfig) -> None:
         """Indexes the pair; the kept points are those that are compared."""
         self.config = config
         self.elapsed_s = prepared.elapsed_s
@@ -155,7 +155,7 @@ class Matcher:
             sampled=self.config.max_points,
         )
 
-    def costs(self, labels: Labels, shift_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def costs(self, labels: Labels, shift_m: F64) -> F64:
         """(K,) cost of one given shift (K, 2) of each component, without registration."""
         scene, order, spans = self._sorted(labels)
         points_m = np.ascontiguousarray(self._scaled_m[order])
@@ -174,34 +174,32 @@ class Matcher:
         self._last = labels, (self._scene._replace(footprint=footprint), order, spans)
         return self._last[1]
 
-    def _passed(self, order: NDArray[np.int64], spans: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _passed(self, order: I64, spans: I64) -> I64:
         states = seen_before(self._scene.previous_image, self.points_m[order])
         before = np.concatenate([[0], np.cumsum(states == PASSED)])
         return np.asarray(before[spans[1:]] - before[spans[:-1]], dtype=np.int64)
 
-    def _short(self, points_m: NDArray[np.float32], spans: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _short(self, points_m: F32, spans: I64) -> Mask:
         """(K,) components that are not longer than a vehicle can be."""
         if len(points_m) == 0:
             return np.zeros(len(spans) - 1, dtype=np.bool_)
         first = np.minimum(spans[:-1], len(points_m) - 1)
         low_m = np.minimum.reduceat(points_m[:, :2], first)
         high_m = np.maximum.reduceat(points_m[:, :2], first)
-        short: NDArray[np.bool_] = (high_m - low_m).max(axis=1) < self.config.max_extent_m
+        short: Mask = (high_m - low_m).max(axis=1) < self.config.max_extent_m
         return short & (np.diff(spans) > 0)
 
-    def _correlate(
-        self, cells: NDArray[np.int64], spans: NDArray[np.int64], wanted: NDArray[np.bool_]
-    ) -> Starts:
+    def _correlate(self, cells: I64, spans: I64, wanted: Mask) -> Starts:
         """Starts from the correlation of occupancy, in steps of a cell, or more for long gaps."""
         reach = int(np.ceil(self.config.max_speed_mps * self.elapsed_s / self.config.cell_m))
         step = max(int(np.ceil(reach / _MOST_STEPS)), 1)
         distance = distance_map(self.raster.occupancy(self.previous_m), 4.0 * step)
         limits = (int(np.ceil(reach / step)), step, self.config.starts, _LAID_OVER)
         shifts, first = all_starts(distance, cells, spans, wanted, limits)
-        return shifts[:, ::-1] * self.config.cell_m, first
+        return np.asarray(shifts[:, ::-1] * self.config.cell_m, np.float64), first
 
 
-def _reach(prepared: Prepared) -> float:
+def _reach(prepared: SweepPair) -> float:
     """Half width of a square, a whole number of metres, that holds both sweeps."""
     largest = 1.0
     for sweep in (prepared.previous, prepared.current):

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import Mask
 from mottrack.flow.registration.matcher import Labels, Matches
 
 
-class VerdictConfig(StrictModel):
+class MotionTestConfig(StrictModel):
     """When a shift is believed."""
 
     near_m: float = Field(0.5, gt=0, description="a shift within ICP's own reach from rest")
@@ -49,28 +49,28 @@ class VerdictConfig(StrictModel):
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class MotionDecision:
     """Components, what was found for each, and which of them move."""
 
     labels: Labels
     matches: Matches
-    moving: NDArray[np.bool_]
+    moving: Mask
     """(K,) components whose shift is believed; the others rest or were not seen before."""
 
 
-def is_moving(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
+def is_moving(matches: Matches, config: MotionTestConfig) -> Mask:
     """(K,) components whose shift is believed, with enough points for how far it is."""
     far = _is_far(matches, config)
     enough = matches.points >= np.where(far, config.min_points, config.min_points_near)
     strong = np.where(
         far, matches.passed >= config.min_passed, matches.points >= config.many_points
     )
-    moving: NDArray[np.bool_] = explains(matches, strong, config) & enough
+    moving: Mask = explains(matches, strong, config) & enough
     moving |= is_evident(matches, config)
     return moving
 
 
-def is_evident(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
+def is_evident(matches: Matches, config: MotionTestConfig) -> Mask:
     """(K,) components that certainly moved, even where a sparse sensor fits every shift badly.
 
     They stand where the previous sweep saw through, or are so many points that a small gain is
@@ -81,13 +81,11 @@ def is_evident(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
     significant &= matches.points >= config.significant_points
     better = matches.cost_m < config.evident_ratio * matches.rest_cost_m
     better &= matches.cost_m < noise_floor(matches, config) + config.loose_over_floor_m
-    evident: NDArray[np.bool_] = (passed | significant) & better
+    evident: Mask = (passed | significant) & better
     return evident
 
 
-def explains(
-    matches: Matches, strong: NDArray[np.bool_], config: VerdictConfig
-) -> NDArray[np.bool_]:
+def explains(matches: Matches, strong: Mask, config: MotionTestConfig) -> Mask:
     """(K,) components whose shift leaves clearly less unexplained than rest, and little.
 
     A far shift is one of very many that were tried, so without further evidence (`strong`) it
@@ -103,11 +101,11 @@ def explains(
     return clear & (matches.cost_m < noise_floor(matches, config) + over_m)
 
 
-def noise_floor(matches: Matches, config: VerdictConfig) -> float:
+def noise_floor(matches: Matches, config: MotionTestConfig) -> float:
     """Median cost of rest of the larger components: most of any scene rests."""
     large = matches.points >= config.min_points
     return float(np.median(matches.rest_cost_m[large])) if large.any() else 0.0
 
 
-def _is_far(matches: Matches, config: VerdictConfig) -> NDArray[np.bool_]:
+def _is_far(matches: Matches, config: MotionTestConfig) -> Mask:
     return np.hypot(matches.shift_m[:, 0], matches.shift_m[:, 1]) > config.near_m

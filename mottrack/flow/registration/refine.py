@@ -13,23 +13,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.motion import FlowField
 from mottrack.flow.registration.component_field import cell_displacements
 from mottrack.flow.registration.components import moving_cells
 from mottrack.flow.registration.matcher import Labels, MatchConfig, Matcher, Matches
-from mottrack.flow.registration.motion_test import VerdictConfig, explains, is_evident
-from mottrack.flow.sweep_pair.prepared import Prepared
+from mottrack.flow.registration.motion_test import MotionTestConfig, explains, is_evident
+from mottrack.flow.sweep_pair.prepared import SweepPair
 
 
 class RefineConfig(StrictModel):
     """Which cells are taken for moving, and how their components are judged."""
 
     match: MatchConfig = Field(default_factory=MatchConfig)
-    verdict: VerdictConfig = Field(default_factory=VerdictConfig)
+    verdict: MotionTestConfig = Field(default_factory=MotionTestConfig)
     moving_mps: float = Field(0.5, gt=0, description="slower cells are at rest already")
     similar_mps: float = Field(1.0, gt=0, description="velocity step inside one component")
     similar_share: float = Field(0.35, ge=0, description="the same, as a share of the speed")
@@ -49,7 +49,7 @@ class Refiner:
     def __init__(self, config: RefineConfig | None = None) -> None:
         self.config = config or RefineConfig()
 
-    def refine(self, field: FlowField, prepared: Prepared) -> FlowField:
+    def refine(self, field: FlowField, prepared: SweepPair) -> FlowField:
         """The field with each moving component withdrawn, refined or kept."""
         cells, count = moving_cells(
             field.velocity_mps,
@@ -70,9 +70,7 @@ class Refiner:
         outcome = _Outcome(matches, refined, withdrawn & ~few, few, prepared.elapsed_s)
         return _applied(field, cells, outcome, self.config.doubt)
 
-    def _judge(
-        self, matches: Matches, start_m: NDArray[np.float64], claimed_m: NDArray[np.float64]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _judge(self, matches: Matches, start_m: F64, claimed_m: F64) -> tuple[Mask, Mask]:
         """(K,) components that take the registration's shift, and those that are at rest.
 
         At rest are those that rest explains at least as well as the estimator's own claim does,
@@ -87,7 +85,7 @@ class Refiner:
         resting = ~believed & (matches.rest_cost_m <= claimed_m + self.config.tie_m)
         return refined, resting & ~self._passed(matches)
 
-    def _passed(self, matches: Matches) -> NDArray[np.bool_]:
+    def _passed(self, matches: Matches) -> Mask:
         least = np.maximum(self.config.min_passed, self.config.passed_share * matches.points)
         return np.asarray(matches.passed >= least)
 
@@ -97,16 +95,14 @@ class _Outcome:
     """What becomes of each component."""
 
     matches: Matches
-    refined: NDArray[np.bool_]
-    withdrawn: NDArray[np.bool_]
-    unknown: NDArray[np.bool_]
+    refined: Mask
+    withdrawn: Mask
+    unknown: Mask
     """Rest explains them as well, but they are too few points to tell."""
     elapsed_s: float
 
 
-def _medians(
-    velocity_mps: NDArray[np.float32], cells: NDArray[np.int64], count: int
-) -> NDArray[np.float64]:
+def _medians(velocity_mps: F32, cells: I64, count: int) -> F64:
     """(K, 2) median velocity of each component."""
     chosen = cells >= 0
     order = np.argsort(cells[chosen], kind="stable")
@@ -116,9 +112,7 @@ def _medians(
     return np.array([np.median(part, axis=0) for part in parts], dtype=np.float64)
 
 
-def _applied(
-    field: FlowField, cells: NDArray[np.int64], outcome: _Outcome, doubt: float
-) -> FlowField:
+def _applied(field: FlowField, cells: I64, outcome: _Outcome, doubt: float) -> FlowField:
     """A withdrawn motion v was real with probability `doubt`: its covariance gains doubt v v^T."""
     rows, cols = np.nonzero(cells >= 0)
     owner = cells[rows, cols]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32
 from mottrack.core.grid import BevGrid
 from mottrack.core.sweep import Sweep
 from mottrack.lidar.ground import GroundConfig, find_ground
@@ -33,7 +33,7 @@ class GroundStage(StrictModel):
         return self.model_copy(update={"find": find})
 
 
-def keep_points(sweep: Sweep, stage: GroundStage) -> tuple[Sweep, NDArray[np.float32]]:
+def keep_points(sweep: Sweep, stage: GroundStage) -> tuple[Sweep, F32]:
     """The points of a sweep (own ego frame) that stand for objects, and their height (M,) m."""
     if len(sweep) == 0:
         return sweep, np.zeros(0, np.float32)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections import deque
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.sweep import Sweep
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.range_image import RangeImage, build_range_image
@@ -18,21 +16,21 @@ _REMEMBERED = 3
 """At 20 Hz the earlier sweep of a pair is the one before the last."""
 
 
-class SweepWork:
+class SweepFeatures:
     """Everything that depends on one sweep, in its own ego frame; each part made when asked for."""
 
     def __init__(self, sweep: Sweep, ground: GroundStage) -> None:
         self.sweep = sweep
         self._ground = ground
-        self._thinned: dict[float, NDArray[np.int64]] = {}
+        self._thinned: dict[float, I64] = {}
 
     @cached_property
-    def kept(self) -> tuple[Sweep, NDArray[np.float32]]:
+    def kept(self) -> tuple[Sweep, F32]:
         """The points that stand for objects, and their height above the ground."""
         return keep_points(self.sweep, self._ground)
 
     @cached_property
-    def farthest_m(self) -> NDArray[np.float64]:
+    def farthest_m(self) -> F64:
         """(720,) how far the sweep saw in each half degree."""
         return farthest_returns(self.sweep)
 
@@ -41,7 +39,7 @@ class SweepWork:
         """The range image of all returns."""
         return build_range_image(self.sweep.xyz_m, self.sweep.origin_m)
 
-    def thinned(self, voxel_m: float) -> NDArray[np.int64]:
+    def thinned(self, voxel_m: float) -> I64:
         """Indices of the kept points of which there is one per cube."""
         if voxel_m not in self._thinned:
             self._thinned[voxel_m] = first_in_voxel(self.kept[0].xyz_m, voxel_m)
@@ -53,14 +51,14 @@ class RecentWork:
 
     def __init__(self, ground: GroundStage) -> None:
         self._ground = ground
-        self._recent: deque[SweepWork] = deque(maxlen=_REMEMBERED)
+        self._recent: deque[SweepFeatures] = deque(maxlen=_REMEMBERED)
 
-    def of(self, sweep: Sweep) -> SweepWork:
+    def of(self, sweep: Sweep) -> SweepFeatures:
         """The work on a sweep, remembered or begun."""
         for work in self._recent:
             if work.sweep is sweep:
                 return work
-        work = SweepWork(sweep, self._ground)
+        work = SweepFeatures(sweep, self._ground)
         self._recent.append(work)
         return work
 

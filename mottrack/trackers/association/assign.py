@@ -2,15 +2,14 @@
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
+
 Pairs = tuple[I64, I64]
 Assignment = Callable[[F64, Pairs], I64]
 
@@ -28,7 +27,7 @@ def greedy(cost: F64, pairs: Pairs) -> I64:
     return accepted
 
 
-@numba.njit(cache=True)
+@compiled
 def _accept(order: I64, pairs: Pairs) -> I64:
     """Those of `order` (P,) whose pair, in the same order, has both sides still free."""
     rows, columns = pairs

@@ -1,11 +1,9 @@
 """Which pairs can match at all, found without looking at every pair."""
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 
 ROUNDING = 1e-9
 """The strips begin a little early, so that the exact comparison decides at the very edge."""
@@ -33,7 +31,7 @@ def candidate_pairs(
     order = np.lexsort((left_xy_m[:, 0], group))
     block = [np.searchsorted(group[order], wanted, side) for side in ("left", "right")]
     ordered = (left_xy_m[order], order)
-    return _near(ordered, np.ascontiguousarray(right_xy_m), reach, (block[0], block[1]))  # type: ignore[no-any-return]
+    return _near(ordered, np.ascontiguousarray(right_xy_m), reach, (block[0], block[1]))
 
 
 def runs(rows: I64) -> list[tuple[int, int]]:
@@ -42,7 +40,7 @@ def runs(rows: I64) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], len(rows)], strict=False))
 
 
-@numba.njit(cache=True)
+@compiled
 def _near(left: tuple[F64, I64], right: F64, reach: F64, block: tuple[I64, I64]) -> tuple[I64, I64]:
     """Walks the strip of each right row twice: to count the pairs of each left row, to list them.
 
@@ -71,7 +69,7 @@ def _near(left: tuple[F64, I64], right: F64, reach: F64, block: tuple[I64, I64])
     return rows, columns
 
 
-@numba.njit(cache=True)
+@compiled
 def _strip_start(xy: F64, start: int, stop: int, x: float) -> int:
     """First of the rows from start up to stop, sorted along x, that is not well below x."""
     x -= ROUNDING * (1.0 + abs(x))
@@ -84,6 +82,6 @@ def _strip_start(xy: F64, start: int, stop: int, x: float) -> int:
     return start
 
 
-@numba.njit(cache=True)
+@compiled
 def _inside(a: F64, b: F64, reach: F64) -> bool:
     return bool(abs(a[0] - b[0]) <= reach[0] and abs(a[1] - b[1]) <= reach[1])

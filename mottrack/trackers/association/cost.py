@@ -1,10 +1,8 @@
 """Costs of candidate pairs: small is good, one number a pair."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.core.arrays import F64, I64
 
 
 def centre_distance_m(left_xy_m: F64, right_xy_m: F64, pairs: tuple[I64, I64]) -> F64:

@@ -3,13 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.geometry.iou import bev_iou, giou_3d, giou_bev, iou_3d
 from mottrack.trackers.association.candidates import runs
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 OVERLAPS: dict[str, Callable[[F64, F64], F64]] = {
     "iou_bev": bev_iou,

@@ -82,7 +82,7 @@ class AssociationConfig(StrictModel):
     gate_m: float = Field(4.0, gt=0, description="largest distance in metres")
 
 
-class LifeConfig(StrictModel):
+class TrackManagementConfig(StrictModel):
     """Birth and death of tracks, and what is published."""
 
     min_hits: int = Field(2, ge=1, description="tracks seen less often are not published")
@@ -110,5 +110,5 @@ class FixedLagConfig(StrictModel):
     robust: RobustConfig = Field(default_factory=RobustConfig)
     measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
     association: AssociationConfig = Field(default_factory=AssociationConfig)
-    life: LifeConfig = Field(default_factory=LifeConfig)
+    life: TrackManagementConfig = Field(default_factory=TrackManagementConfig)
     merge_split: MergeSplitConfig = Field(default_factory=MergeSplitConfig)

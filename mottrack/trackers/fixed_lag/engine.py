@@ -15,10 +15,11 @@ from typing import Any, Generic, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
-from mottrack.trackers.fixed_lag.motion import F64, STATE_DIM, MotionNoise, predict
+from mottrack.trackers.fixed_lag.motion import STATE_DIM, MotionNoise, predict
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
-from mottrack.trackers.fixed_lag.store import I64, Layout, Mask, NodeStore
+from mottrack.trackers.fixed_lag.store import Layout, NodeStore
 
 
 class Selectable(Protocol):

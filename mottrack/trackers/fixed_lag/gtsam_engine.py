@@ -14,13 +14,12 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
-from mottrack.trackers.fixed_lag.motion import F64, MotionNoise
+from mottrack.trackers.fixed_lag.motion import MotionNoise
 from mottrack.trackers.fixed_lag.nodes import NodeBatch, WhitenedRows, whiten
-from mottrack.trackers.fixed_lag.store import I64, Mask
 
 _INDEX_BITS = 24
 _NEAR_VARIABLE = re.compile(r"near variable\s+(\d+)")
@@ -189,7 +188,7 @@ def _roots(factors: list[Any], keys: I64) -> F64:
     return roots
 
 
-def _culprit(failure: RuntimeError, slots: NDArray[np.int64]) -> int:
+def _culprit(failure: RuntimeError, slots: I64) -> int:
     """Slot, among those eliminated, of the track that failed; re-raises what names none."""
     match = _NEAR_VARIABLE.search(str(failure))
     slot = int(match.group(1)) >> _INDEX_BITS if match else -1
@@ -198,7 +197,7 @@ def _culprit(failure: RuntimeError, slots: NDArray[np.int64]) -> int:
     return slot
 
 
-@njit(cache=True)
+@compiled
 def _moments(roots: F64) -> tuple[F64, F64, Mask]:
     """Mean (N, 6), covariance (N, 6, 6) and soundness (N,) of roots `R x = d`, R triangular."""
     count = len(roots)
@@ -218,7 +217,7 @@ def _moments(roots: F64) -> tuple[F64, F64, Mask]:
     return mean, covariance, sound
 
 
-@njit(cache=True)
+@compiled
 def _invert_triangular(root: F64, inverse: F64) -> bool:
     """Writes the inverse of the upper triangle of `root` (6, 6+); false where there is none."""
     for column in range(6):
@@ -232,7 +231,7 @@ def _invert_triangular(root: F64, inverse: F64) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def _dot(one: F64, other: F64) -> float:
     total = 0.0
     for k in range(len(one)):

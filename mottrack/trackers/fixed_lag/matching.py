@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from mottrack.core.arrays import F64, I64
 from mottrack.geometry.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.fixed_lag.config import AssociationConfig
 from mottrack.trackers.fixed_lag.engine import Belief
-from mottrack.trackers.fixed_lag.motion import F64
-
-I64 = NDArray[np.int64]
 
 
 class Predicted(NamedTuple):

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.objects import Objects
 from mottrack.trackers.fixed_lag.config import MeasurementConfig
-from mottrack.trackers.fixed_lag.motion import F64
 from mottrack.trackers.fixed_lag.nodes import definite
 
 
@@ -23,12 +22,12 @@ class Measured:
     """(M, 2)."""
     velocity_covariance_m2ps2: F64
     """(M, 2, 2)."""
-    has_velocity: NDArray[np.bool_]
+    has_velocity: Mask
     """(M,)."""
-    usable: NDArray[np.bool_]
+    usable: Mask
     """(M,) objects whose position can be a measurement."""
 
-    def with_velocity(self, rows: NDArray[np.int64], mean: F64, covariance: F64) -> Measured:
+    def with_velocity(self, rows: I64, mean: F64, covariance: F64) -> Measured:
         """The same with velocities put in for some rows."""
         velocity, spread = self.velocity_mps.copy(), self.velocity_covariance_m2ps2.copy()
         has = self.has_velocity.copy()

@@ -16,17 +16,14 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
 from mottrack.core.motion import VelocityMeasurement, concatenate_velocities
 from mottrack.core.objects import Objects
 from mottrack.geometry.hulls import hulls_of_groups
 from mottrack.geometry.polygon import clip_area, polygon_area
 from mottrack.trackers.fixed_lag.config import MergeSplitConfig
-from mottrack.trackers.fixed_lag.motion import F64
-
-I64 = NDArray[np.int64]
 
 
 class HullList(NamedTuple):
@@ -96,7 +93,7 @@ def overlaps(tracks: HullList, objects: HullList) -> Overlaps:
     return Overlaps(pairs[0][kept], pairs[1][kept], area[kept], area_one, area_other)
 
 
-@njit(cache=True)
+@compiled
 def _near(one: F64, other: F64) -> tuple[I64, I64]:
     """Pairs whose bounds overlap, in the order of the first."""
     first, second = np.empty(64, np.int64), np.empty(64, np.int64)
@@ -114,7 +111,7 @@ def _near(one: F64, other: F64) -> tuple[I64, I64]:
     return first[:count], second[:count]
 
 
-@njit(cache=True)
+@compiled
 def _extents(corner: F64, start: I64) -> tuple[F64, F64]:
     """Area (N,), at least 1e-6, and bounds (N, 4): low x, low y, high x, high y."""
     area, box = np.zeros(len(start) - 1), np.zeros((len(start) - 1, 4))
@@ -133,7 +130,7 @@ def _extents(corner: F64, start: I64) -> tuple[F64, F64]:
     return area, box
 
 
-@njit(cache=True)
+@compiled
 def _shared(a: F64, a_start: I64, b: F64, b_start: I64, pairs: tuple[I64, I64]) -> F64:
     """(P,) area shared by the hulls of each pair, about a common origin."""
     area = np.zeros(len(pairs[0]))

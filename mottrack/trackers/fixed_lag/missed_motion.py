@@ -5,7 +5,7 @@ as ever, and so in every frame. Such errors agree with each other, so a robust l
 estimate believes them. The displacement over the window is independent of the flow. With z the
 measured velocity, R its covariance, m the displacement's velocity, C its covariance, B the prior of
 a moving object's velocity, and the share of motions that the source loses
-(`mottrack.core.faults`), the hypotheses are
+(`mottrack.core.velocity_errors`), the hypotheses are
 
     it stands, and z says so            rest N(z; 0, R) N(m; 0, C)
     it moves, and z says so             (1 - rest) (1 - lost) N(z; m, R + C) N(m; 0, B + C)
@@ -20,13 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
-from mottrack.core.faults import VelocityFaults
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, Mask
+from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.geometry.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 from mottrack.trackers.fixed_lag.engine import History
-from mottrack.trackers.fixed_lag.motion import F64
-from mottrack.trackers.fixed_lag.store import Mask
 
 _REJECTED = 1e-4
 """Weight of a velocity that is not believed: next to none, errors that last do not average out."""
@@ -53,12 +52,12 @@ class Witness:
         """1 where the log odds are negative, and next to nothing elsewhere."""
         return np.where(odds > 0.0, _REJECTED, 1.0)
 
-    def odds(self, history: History, faults: VelocityFaults) -> F64:
+    def odds(self, history: History, error_model: VelocityErrorModel) -> F64:
         """(N, D) log odds that a measured velocity missed the motion.
 
         -inf where no velocity was measured, or where the source loses no motion.
         """
-        if self.rest_share >= 1.0 or faults.lost_share <= 0.0:
+        if self.rest_share >= 1.0 or error_model.p_missed_motion <= 0.0:
             return np.full(history.age_s.shape, -np.inf)
         mean_mps, spread = self._displacement(history)
         z_mps, noise = history.velocity_mps, history.velocity_covariance_m2ps2
@@ -66,8 +65,10 @@ class Witness:
         moves = np.log(1.0 - self.rest_share) + _log_normal(mean_mps, prior)
         at_rest = _log_normal(z_mps, noise)
         rest = np.log(self.rest_share) + at_rest + _log_normal(mean_mps, spread)
-        seen = np.log(1.0 - faults.lost_share) + _log_normal(z_mps - mean_mps, noise + spread)
-        lost = np.log(faults.lost_share) + moves + at_rest
+        seen = np.log(1.0 - error_model.p_missed_motion) + _log_normal(
+            z_mps - mean_mps, noise + spread
+        )
+        lost = np.log(error_model.p_missed_motion) + moves + at_rest
         odds = lost - np.logaddexp(rest, seen + moves)
         return np.where(history.has_velocity, odds, -np.inf)
 
@@ -100,7 +101,7 @@ def _log_normal(off: F64, covariance: F64) -> F64:
     return np.asarray(value.reshape(off.shape[:-1]))
 
 
-@njit(cache=True)
+@compiled
 def displacement_velocity(
     there: Mask, age_s: F64, position_m: F64, covariance_m2: F64
 ) -> tuple[F64, F64]:
@@ -129,7 +130,7 @@ def displacement_velocity(
     return velocity, covariance
 
 
-@njit(cache=True)
+@compiled
 def _add(normal: F64, right: F64, node: tuple[float, F64, F64]) -> None:
     """Adds the equations of one position."""
     time_s, position_m, covariance_m2 = node
@@ -145,7 +146,7 @@ def _add(normal: F64, right: F64, node: tuple[float, F64, F64]) -> None:
             normal[2 + i, 2 + j] += time_s * time_s * information[i, j]
 
 
-@njit(cache=True)
+@compiled
 def _inverse(matrix: F64) -> F64:
     inverse = np.empty((2, 2))
     scale = 1.0 / (matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
@@ -154,7 +155,7 @@ def _inverse(matrix: F64) -> F64:
     return inverse
 
 
-@njit(cache=True)
+@compiled
 def _product(one: F64, other: F64) -> F64:
     product = np.zeros((2, 2))
     for i in range(2):

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.trackers.fixed_lag.motion import (
-    F64,
     MotionNoise,
     planar_root_information,
     process_noise,
@@ -45,9 +45,9 @@ class NodeBatch:
     """
 
     stamp_ns: int
-    slot: NDArray[np.int64]
+    slot: I64
     """(N,) the track each row belongs to."""
-    birth: NDArray[np.bool_]
+    birth: Mask
     """(N,) the first node of its track."""
     position_m: F64
     """(N, 2)."""
@@ -57,7 +57,7 @@ class NodeBatch:
     """(N, 2), read only where `has_velocity`."""
     velocity_covariance_m2ps2: F64
     """(N, 2, 2)."""
-    has_velocity: NDArray[np.bool_]
+    has_velocity: Mask
     """(N,)."""
     extent_m: F64
     """(N,) diagonal of the object's footprint; where it changes, so may the position."""
@@ -86,7 +86,7 @@ class NodeBatch:
         arrays = {name: getattr(self, name)[rows] for name in MEASUREMENT}
         return NodeBatch(stamp_ns=self.stamp_ns, slot=self.slot[rows], **arrays)
 
-    def usable(self, dt_s: F64) -> NDArray[np.bool_]:
+    def usable(self, dt_s: F64) -> Mask:
         """(N,) rows that can be eliminated: finite, positive definite, with a step in time.
 
         `dt_s` (N,) is ignored at births. The rows are judged apart, so that one bad track does not
@@ -97,11 +97,11 @@ class NodeBatch:
         velocity &= definite(self.velocity_covariance_m2ps2)
         step = self.birth | ((dt_s >= MIN_STEP_S) & (dt_s <= MAX_STEP_S))
         weight = ((self.weight > 0.0) & (self.weight <= 1.0)).all(axis=1)
-        usable: NDArray[np.bool_] = position & (velocity | ~self.has_velocity) & step & weight
+        usable: Mask = position & (velocity | ~self.has_velocity) & step & weight
         return usable
 
 
-def definite(covariance: F64) -> NDArray[np.bool_]:
+def definite(covariance: F64) -> Mask:
     """(N,) 2 x 2 matrices that are finite, symmetric, positive definite and of sane magnitude."""
     xx, yy, xy = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
     with np.errstate(all="ignore"):
@@ -125,9 +125,9 @@ class WhitenedRows:
     """(N, 10, 6)."""
     target: F64
     """(N, 10)."""
-    count: NDArray[np.int64]
+    count: I64
     """(N,) rows in use: 10, or 8 without velocity."""
-    birth: NDArray[np.bool_]
+    birth: Mask
     """(N,) the first node of its track."""
 
     def select(self, rows: NDArray[Any]) -> WhitenedRows:

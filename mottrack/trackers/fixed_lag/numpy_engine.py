@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.fixed_lag.engine import FixedLagEngine, Recent
-from mottrack.trackers.fixed_lag.motion import F64, MotionNoise, process_noise, transition
+from mottrack.trackers.fixed_lag.motion import MotionNoise, process_noise, transition
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
-from mottrack.trackers.fixed_lag.store import I64, Mask
 
 
 class Filtered(NamedTuple):

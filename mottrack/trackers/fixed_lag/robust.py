@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mottrack.core.faults import SOUND, VelocityFaults
+from mottrack.core.arrays import F64, I64
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 from mottrack.geometry.two_by_two import inverse_2x2, quadratic_2x2
 from mottrack.trackers.fixed_lag.engine import Engine, Recent
 from mottrack.trackers.fixed_lag.missed_motion import Witness
-from mottrack.trackers.fixed_lag.motion import F64
-from mottrack.trackers.fixed_lag.store import I64
 
 _SETTLED = 0.05
 """Smaller changes of a weight are not worth solving a window again."""
@@ -48,19 +47,21 @@ class Huber:
             return np.ones_like(distance)
         return self.threshold / np.maximum(distance, self.threshold)
 
-    def refine(self, engine: Engine, slots: I64, faults: VelocityFaults = SOUND) -> int:
+    def refine(
+        self, engine: Engine, slots: I64, error_model: VelocityErrorModel = NO_OUTLIERS
+    ) -> int:
         """Solves the flagged windows among `slots` (N,) again; returns how many.
 
         `faults` are those of the source that measured the velocities.
         """
         if self.threshold <= 0 or len(slots) == 0:
             return 0
-        window = self._flagged(engine, slots, faults)
+        window = self._flagged(engine, slots, error_model)
         count = len(window.slots)
         for _ in range(self.iterations):
             if len(window.slots) == 0:
                 break
-            fresh = self._window_weights(engine, window, faults)
+            fresh = self._window_weights(engine, window, error_model)
             old = engine.weight(window)
             moved = (np.abs(fresh - old).max(axis=2) > _SETTLED) & window.open
             moving = moved.any(axis=1)
@@ -68,25 +69,27 @@ class Huber:
             engine.reweigh(window, fresh[moving], moved[moving].argmax(axis=1))
         return count
 
-    def _flagged(self, engine: Engine, slots: I64, faults: VelocityFaults) -> Recent:
+    def _flagged(self, engine: Engine, slots: I64, error_model: VelocityErrorModel) -> Recent:
         """Windows with a suspicious measurement that is still open to a second look."""
         window = engine.recent(slots, self.span + 1)
         worst = engine.innovation(window)[:, 1:].max(axis=(1, 2), initial=0.0)
         excess = worst / self.flag
-        odds = self.witness.odds(engine.history(window), faults)
+        odds = self.witness.odds(engine.history(window), error_model)
         blamed = self.witness.weights(odds) < engine.weight(window)[:, :, 1] - _SETTLED
         excess = excess + np.where(blamed & window.open, 1.0 + odds, 0.0).max(axis=1)
         ranked = np.lexsort((slots, -excess))
         return window.select(ranked[excess[ranked] > 1.0][: self.max_windows])
 
-    def _window_weights(self, engine: Engine, recent: Recent, faults: VelocityFaults) -> F64:
+    def _window_weights(
+        self, engine: Engine, recent: Recent, error_model: VelocityErrorModel
+    ) -> F64:
         """(N, D, 2) weights from the residuals of the smoothed nodes, and from the witness."""
         history, smoothed = engine.history(recent), engine.smoothed(recent)
         off_m = history.position_m - smoothed[:, :, :2]
         off_mps = history.velocity_mps - smoothed[:, :, 2:4]
         position = self.weights(_length(history.position_covariance_m2, off_m))
         velocity = self.weights(_length(history.velocity_covariance_m2ps2, off_mps))
-        odds = self.witness.odds(history, faults)
+        odds = self.witness.odds(history, error_model)
         velocity = np.minimum(velocity, self.witness.weights(odds))
         return np.stack([position, np.where(history.has_velocity, velocity, 1.0)], axis=2)
 

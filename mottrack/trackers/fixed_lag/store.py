@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.fixed_lag.nodes import MEASUREMENT, NodeBatch
-
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 Layout = Mapping[str, tuple[Any, tuple[int, ...]]]
 """Type and shape of what is kept of each node, by name."""
@@ -74,7 +72,7 @@ class NodeStore:
         """Column before each of these."""
         return np.asarray((column - 1) % self._nodes)
 
-    def append(self, batch: NodeBatch, dt_s: NDArray[np.float64]) -> None:
+    def append(self, batch: NodeBatch, dt_s: F64) -> None:
         """Adds a node to each slot of a batch, for which there is room."""
         column = self.at(batch.slot, self.count[batch.slot])
         for name in MEASUREMENT:

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.objects import Objects
 from mottrack.trackers.fixed_lag.merge_split import HullList, flat
-from mottrack.trackers.fixed_lag.motion import F64
-
-I64 = NDArray[np.int64]
 
 _ROW = np.dtype(
     [
@@ -31,7 +29,7 @@ _ROW = np.dtype(
 )
 
 
-class TrackBook:
+class TrackSlots:
     """Live tracks by slot. Slots are reused, smallest first; identities never."""
 
     def __init__(self) -> None:
@@ -92,13 +90,13 @@ class TrackBook:
         for slot, row in zip(slots.tolist(), rows.tolist(), strict=True):
             self._hulls[slot] = None if objects.hull is None else objects.hull[row]
 
-    def label_numbers(self, labels: NDArray[np.str_]) -> I64:
+    def label_numbers(self, labels: Texts) -> I64:
         """(M,) numbers of class names, as in the column "label"."""
         names, which = np.unique(labels, return_inverse=True)
         numbers = [self._labels.setdefault(str(name), len(self._labels)) for name in names]
         return np.array(numbers, np.int64)[which]
 
-    def labels(self, slots: I64) -> NDArray[np.str_]:
+    def labels(self, slots: I64) -> Texts:
         """(N,) class names."""
         names = np.array(list(self._labels), np.str_)
         return np.asarray(names[self._rows["label"][slots]])

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import ConfigError, InputError
-from mottrack.core.faults import SOUND
 from mottrack.core.objects import Objects, Tracks
+from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.trackers.association import mahalanobis
 from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
@@ -19,9 +19,7 @@ from mottrack.trackers.fixed_lag.measurement import Measured, measured
 from mottrack.trackers.fixed_lag.merge_split import Overlaps
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
 from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
-from mottrack.trackers.fixed_lag.track_slots import TrackBook
-
-I64 = NDArray[np.int64]
+from mottrack.trackers.fixed_lag.track_slots import TrackSlots
 
 
 class _Known(NamedTuple):
@@ -47,7 +45,7 @@ class FixedLagTracker:
         self.config = config or FixedLagConfig()
         self._engine = make_engine(self.config)
         self._huber = self.config.robust.huber()
-        self._book = TrackBook()
+        self._book = TrackSlots()
         self._stamp_ns: int | None = None
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
@@ -76,8 +74,8 @@ class FixedLagTracker:
         measurements = self._inherit(known, heirs, measurements)
         fresh = self._adopt(known, held.tracks, (matches, pairs), heirs)
         seen = self._add_nodes(stamp_ns, known, objects, (matches, born, fresh, measurements))
-        faults = SOUND if objects.velocity is None else objects.velocity.faults
-        self._huber.refine(self._engine, seen, faults)
+        error_model = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
+        self._huber.refine(self._engine, seen, error_model)
         self._bury(stamp_ns)
         return self._published(stamp_ns, seen)
 
@@ -145,7 +143,7 @@ class FixedLagTracker:
     def _match(
         self,
         known: _Known,
-        held: NDArray[np.bool_],
+        held: Mask,
         objects: Objects,
         measurements: Measured,
         rows: I64,
@@ -165,7 +163,7 @@ class FixedLagTracker:
         found = match(tracks, seen, self.config.association)
         return found._replace(track=free[found.track], object=rows[found.object])
 
-    def _slack_m2(self, slots: I64, stamp_ns: int) -> NDArray[np.float64]:
+    def _slack_m2(self, slots: I64, stamp_ns: int) -> F64:
         """(N,) how far young tracks may have gone if the flow that they began with was wrong."""
         young = self._book["hits"][slots] < self.config.association.young_hits
         dt_s = (stamp_ns - self._book["seen_ns"][slots]) * 1e-9
@@ -221,7 +219,7 @@ class FixedLagTracker:
     def _adopt(
         self,
         known: _Known,
-        held: NDArray[np.bool_],
+        held: Mask,
         found: tuple[Matches, Overlaps],
         heirs: dict[int, int],
     ) -> dict[int, int]:
@@ -284,9 +282,7 @@ class FixedLagTracker:
         )
 
 
-def _velocity_innovation(
-    belief: Belief, matches: Matches, measurements: Measured
-) -> NDArray[np.float64]:
+def _velocity_innovation(belief: Belief, matches: Matches, measurements: Measured) -> F64:
     """(P,) normalised distance of measured from predicted velocity; 0 where none was measured."""
     seen = measurements.has_velocity[matches.object]
     rows, tracks = matches.object[seen], matches.track[seen]
@@ -300,8 +296,8 @@ def _velocity_innovation(
 class _Held(NamedTuple):
     """Who sits out this frame because clusters ran together."""
 
-    tracks: NDArray[np.bool_]
-    objects: NDArray[np.bool_]
+    tracks: Mask
+    objects: Mask
 
 
 def make_engine(config: FixedLagConfig) -> Engine:

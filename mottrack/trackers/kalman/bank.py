@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import ConfigError
 from mottrack.trackers.kalman.block_bank import BlockBank
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.dense_bank import DenseBank
 from mottrack.trackers.kalman.imm_bank import ImmBank
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 class Bank(Protocol):
@@ -49,7 +44,7 @@ class Bank(Protocol):
         """Adds n tracks: mean and variance (n, D), velocity covariance (n, 2, 2), model (n,)."""
         ...
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Mask) -> None:
         """Drops every track outside the mask (N,)."""
         ...
 

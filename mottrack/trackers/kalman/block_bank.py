@@ -9,15 +9,12 @@ covariance is diagonal, what lies between x and y in the 4x4 block stays exactly
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.block_kernels import Blocks, advance, correct_axes, correct_planar
 from mottrack.trackers.kalman.noise_model import pair_growth
 from mottrack.trackers.kalman.state import BOX_SIZE, CV_SIZE, SIZE, SMALLEST_SIZE_M, YAW
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 class BlockBank:
@@ -76,7 +73,7 @@ class BlockBank:
         joined = [np.concatenate(pair) for pair in zip(self._blocks, new, strict=True)]
         self._blocks = tuple(joined)  # type: ignore[assignment]
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Mask) -> None:
         """Drops every track outside the mask (N,)."""
         self._blocks = tuple(block[mask] for block in self._blocks)  # type: ignore[assignment]
 

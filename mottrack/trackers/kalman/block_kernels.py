@@ -4,17 +4,16 @@ A track is a row of `mean` (N, 11), `planar` (N, 4, 4) of (x, y, d_x, d_y), `var
 z, yaw, l, w, h, and for z and yaw `cross` (N, 2) with their rates and `rate` (N, 2) of these.
 """
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
+
 Blocks = tuple[F64, F64, F64, F64, F64]
 """mean, planar, variance, cross, rate."""
 
 
-@numba.njit(cache=True)
+@compiled
 def advance(blocks: Blocks, dt: F64, growth: tuple[F64, F64, F64], size_growth: F64) -> None:
     """Predicts over dt (N,): x <- F x, P <- F P F' + Q.
 
@@ -39,7 +38,7 @@ def advance(blocks: Blocks, dt: F64, growth: tuple[F64, F64, F64], size_growth: 
             variance[n, k + 2] += size_growth[n, k]
 
 
-@numba.njit(cache=True)
+@compiled
 def _advance_planar(p: F64, t: float) -> None:
     """F P F' for F = [[I, t I], [0, I]]."""
     for r in range(2):
@@ -50,7 +49,7 @@ def _advance_planar(p: F64, t: float) -> None:
             p[r, c] += t * p[r, c + 2]
 
 
-@numba.njit(cache=True)
+@compiled
 def correct_axes(blocks: Blocks, rows: I64, residual: F64, noise: F64) -> None:
     """Scalar updates of `rows` (n,) by residuals (n, 5) of z, yaw, l, w, h with variances."""
     mean, _, variance, cross, rate = blocks
@@ -68,7 +67,7 @@ def correct_axes(blocks: Blocks, rows: I64, residual: F64, noise: F64) -> None:
                 cross[n, k] *= 1 - gain
 
 
-@numba.njit(cache=True)
+@compiled
 def correct_planar(blocks: Blocks, rows: I64, first: int, residual: F64, noise: F64) -> None:
     """Joseph update P <- (I - K H) P (I - K H)' + K R K' of (x, y, d_x, d_y).
 
@@ -90,7 +89,7 @@ def correct_planar(blocks: Blocks, rows: I64, first: int, residual: F64, noise: 
         _joseph(p, keep, gain, noise[m], work)
 
 
-@numba.njit(cache=True)
+@compiled
 def _gain(p: F64, first: int, noise: F64, gain: F64) -> None:
     """K = P H' (H P H' + R)^-1, (4, 2)."""
     a = p[first, first] + noise[0, 0]
@@ -103,7 +102,7 @@ def _gain(p: F64, first: int, noise: F64, gain: F64) -> None:
         gain[r, 1] = (y * a - x * b) / determinant
 
 
-@numba.njit(cache=True)
+@compiled
 def _joseph(p: F64, keep: F64, gain: F64, noise: F64, work: F64) -> None:
     """Writes the corrected covariance over p (4, 4), exactly symmetric."""
     for r in range(4):

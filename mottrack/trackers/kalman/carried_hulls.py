@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from mottrack.core.arrays import F64
 from mottrack.core.objects import Objects, Tracks
-from mottrack.trackers.kalman.track_rows import TrackBook
-
-F64 = NDArray[np.float64]
+from mottrack.trackers.kalman.track_rows import TrackRows
 
 
 class CarriedHulls:
@@ -19,7 +15,7 @@ class CarriedHulls:
     def __init__(self) -> None:
         self._last: dict[int, tuple[F64, F64]] = {}
 
-    def on(self, tracks: Tracks, book: TrackBook, objects: Objects) -> Tracks:
+    def on(self, tracks: Tracks, book: TrackRows, objects: Objects) -> Tracks:
         """The tracks with hulls, where the objects of this step have them; else as they are.
 
         A hull seen at this stamp stays where it was measured, another moves with its track's

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
-from mottrack.trackers.kalman.lifecycle import LifeConfig
+from mottrack.core.arrays import I64, Mask
+from mottrack.trackers.kalman.lifecycle import TrackManagementConfig
 from mottrack.trackers.kalman.presets import PRESETS
 
 Motion = Literal["cv", "ca", "ctrv", "bicycle", "imm"]
@@ -65,10 +65,10 @@ class VelocityConfig(StrictModel):
     relative: float | None = Field(
         None, ge=0, description="and along the velocity this share of it; none: as its source says"
     )
-    lost_share: float | None = Field(
+    p_missed_motion: float | None = Field(
         None, ge=0, lt=1, description="measured as if at rest; none: as its source says"
     )
-    gross_share: float | None = Field(
+    p_outlier: float | None = Field(
         None, ge=0, lt=1, description="another object's velocities; none: as their source says"
     )
     rest_prior: float = Field(
@@ -78,9 +78,9 @@ class VelocityConfig(StrictModel):
 
     @model_validator(mode="after")
     def _some_are_sound(self) -> Self:
-        if (self.lost_share or 0.0) + (self.gross_share or 0.0) >= 1.0:
+        if (self.p_missed_motion or 0.0) + (self.p_outlier or 0.0) >= 1.0:
             raise ValueError(
-                f"lost_share + gross_share is {self.lost_share} + {self.gross_share}, "
+                f"p_missed_motion + p_outlier is {self.p_missed_motion} + {self.p_outlier}, "
                 "expected less than 1: some velocities are sound"
             )
         return self
@@ -169,12 +169,12 @@ class MotionConfig(StrictModel):
         """Whether any class follows several models at once."""
         return "imm" in self.asked()
 
-    def choices(self) -> NDArray[np.bool_]:
+    def choices(self) -> Mask:
         """Which models each of `asked` may follow, (asked, models)."""
         allowed = [self.imm if motion == "imm" else (motion,) for motion in self.asked()]
         return np.array([[model in some for model in self.models()] for some in allowed])
 
-    def index(self, labels: list[str]) -> NDArray[np.int64]:
+    def index(self, labels: list[str]) -> I64:
         """Position in `asked` of the motion of each class (C,)."""
         asked = self.asked()
         return np.array([asked.index(self.classes.get(c, self.default)) for c in labels], np.int64)
@@ -203,7 +203,7 @@ class KalmanConfig(StrictModel):
     association: AssociationConfig = Field(default_factory=AssociationConfig)
     second_stage: SecondStageConfig = Field(default_factory=SecondStageConfig)
     nms: NmsConfig = Field(default_factory=NmsConfig)
-    life: LifeConfig = Field(default_factory=LifeConfig)
+    life: TrackManagementConfig = Field(default_factory=TrackManagementConfig)
 
     @model_validator(mode="after")
     def _can_smooth(self) -> Self:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.motion_models import MOTION_MODELS
 from mottrack.trackers.kalman.noise_model import process_covariance
@@ -20,9 +20,6 @@ from mottrack.trackers.kalman.state import (
     VELOCITY,
     YAW,
 )
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 class DenseBank:
@@ -60,7 +57,7 @@ class DenseBank:
         self.covariance = np.concatenate([self.covariance, covariance])
         self._model = np.append(self._model, model)
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Mask) -> None:
         """Drops every track outside the mask (N,)."""
         self.mean, self.covariance = self.mean[mask], self.covariance[mask]
         self._model = self._model[mask]

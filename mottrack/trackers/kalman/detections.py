@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
-from mottrack.core.faults import SOUND, VelocityFaults
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig, NmsConfig
 from mottrack.trackers.kalman.noise_model import (
     NoiseRows,
@@ -20,9 +21,6 @@ from mottrack.trackers.kalman.noise_model import (
 )
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.velocity_belief import SMALLEST, density, failure_density
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +43,7 @@ class Detections:
     """(N,) density of the velocity of an object that no track expects, failures included."""
     surprise_limit: F64
     """(N,) -2 ln lambda: a pair that surprises more is less likely than a stray; else infinite."""
-    moving: NDArray[np.bool_]
+    moving: Mask
     """(N,) whether the velocity was measured."""
     label: I64
     """(N,) index of the class."""
@@ -124,13 +122,13 @@ def _pack(
 ) -> Detections:
     (noise, label, limit), (config, unit_s) = known, how
     yaw = wrap_angle(objects.yaw_rad[rows])
-    faults = faults_of(objects, config)
-    mean, covariance, moving = _velocity(objects, rows, config, faults.relative)
+    error_model = error_model_of(objects, config)
+    mean, covariance, moving = _velocity(objects, rows, config, error_model.relative)
     velocity, velocity_covariance = mean * unit_s, covariance * unit_s**2
     no_news = stray = np.zeros(len(rows))
     if moving.any():
         gross = config.velocity.gross_mps * unit_s
-        no_news = failure_density(velocity, velocity_covariance, faults, gross)
+        no_news = failure_density(velocity, velocity_covariance, error_model, gross)
         unexpected = initial_velocity_covariance(noise, yaw) + velocity_covariance
         stray = np.maximum(no_news + density(velocity, unexpected), SMALLEST)
     return Detections(
@@ -158,16 +156,16 @@ def _surprise_limit(config: AssociationConfig, labels: list[str]) -> F64:
     return np.asarray(-2.0 * np.log(np.array(density, np.float64)))
 
 
-def faults_of(objects: Objects, config: KalmanConfig) -> VelocityFaults:
+def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:
     """How the measured velocities err: as their source says, but for what the settings say."""
-    own = SOUND if objects.velocity is None else objects.velocity.faults
-    settings = config.velocity.model_dump(include={"relative", "lost_share", "gross_share"})
+    own = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
+    settings = config.velocity.model_dump(include={"relative", "p_missed_motion", "p_outlier"})
     return replace(own, **{name: value for name, value in settings.items() if value is not None})
 
 
 def _velocity(
     objects: Objects, rows: I64, config: KalmanConfig, relative: float
-) -> tuple[F64, F64, NDArray[np.bool_]]:
+) -> tuple[F64, F64, Mask]:
     settings, measured = config.velocity, objects.velocity
     if not settings.use or measured is None:
         n = len(rows)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.noise_model import process_covariance
 from mottrack.trackers.kalman.state import (
@@ -19,9 +19,6 @@ from mottrack.trackers.kalman.state import (
     VELOCITY,
     YAW,
 )
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 OBSERVE_BOX = np.eye(CV_SIZE)[:BOX_SIZE]
 OBSERVE_VELOCITY = np.eye(CV_SIZE)[VELOCITY]
@@ -66,7 +63,7 @@ class FilterpyBank:
             new.P[VELOCITY, VELOCITY] = v
             self._filters.append(new)
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Mask) -> None:
         """Drops every track outside the mask (N,)."""
         self._filters = [f for f, kept in zip(self._filters, mask, strict=True) if kept]
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.dense_bank import DenseBank
 from mottrack.trackers.kalman.pair_cost import heading_residual
 from mottrack.trackers.kalman.state import BOX_SIZE, PLANAR, VELOCITY, YAW
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 LEAST_PROBABILITY = 1e-6
 CALM = 0.1
@@ -32,7 +29,7 @@ class ImmBank:
     def __init__(
         self,
         models: Sequence[str],
-        choices: NDArray[np.bool_],
+        choices: Mask,
         switch_per_s: float,
         *,
         wiener: bool,
@@ -78,7 +75,7 @@ class ImmBank:
             [self.probability, allowed / allowed.sum(axis=1, keepdims=True)]
         )
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Mask) -> None:
         """Drops every track outside the mask (N,)."""
         for bank in self._banks:
             bank.keep(mask)

@@ -5,21 +5,17 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.trackers.kalman.track_rows import TrackBook
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from mottrack.core.arrays import F64, I64, Mask
+from mottrack.trackers.kalman.track_rows import TrackRows
 
 ROUNDING = 1e-6
 """Three tenths of a second are three steps of a tenth, whatever the quotient rounds to."""
 
 
-class LifeConfig(StrictModel):
+class TrackManagementConfig(StrictModel):
     """Birth, output and death. A track lives while either of its two limits allows it."""
 
     birth_score: float | None = Field(None, description="weaker detections start no track")
@@ -49,10 +45,10 @@ class LifeConfig(StrictModel):
     )
 
 
-class Life:
-    """The rules of output and death over a `TrackBook`, and the count of steps by class."""
+class TrackManagement:
+    """The rules of output and death over a `TrackRows`, and the count of steps by class."""
 
-    def __init__(self, config: LifeConfig) -> None:
+    def __init__(self, config: TrackManagementConfig) -> None:
         self._config = config
         self._freezes = config.silent_classes == "freeze"
         self._steps = np.zeros(0, np.int64)
@@ -62,7 +58,7 @@ class Life:
         """Which tracks take part in a step with detections of the classes `present`."""
         return np.isin(label, present) if self._freezes else np.ones(len(label), bool)
 
-    def begin(self, book: TrackBook, present: I64, classes: int, elapsed_s: float) -> None:
+    def begin(self, book: TrackRows, present: I64, classes: int, elapsed_s: float) -> None:
         """Begins a step: every active track is missed until a detection says otherwise."""
         config = self._config
         self._min_hits = max(config.min_hits, 1 + int(config.confirm_s / elapsed_s + ROUNDING))
@@ -74,7 +70,7 @@ class Life:
         else:
             self._steps += 1
 
-    def shown(self, book: TrackBook, present: I64, stamp_ns: int) -> Mask:
+    def shown(self, book: TrackRows, present: I64, stamp_ns: int) -> Mask:
         """Tracks that are put out: confirmed, or in the first steps, and not missed for long.
 
         Once confirmed stays confirmed: two steps that come close together ask for more detections
@@ -87,12 +83,12 @@ class Life:
         fresh |= self._within(book, stamp_ns, config.output_coast_s)
         return grown & fresh & self.active(book.label, present)
 
-    def alive(self, book: TrackBook, stamp_ns: int) -> Mask:
+    def alive(self, book: TrackRows, stamp_ns: int) -> Mask:
         """Tracks that live on into the next step."""
         by_steps = book.misses <= self._config.max_misses
         return by_steps | self._within(book, stamp_ns, self._config.max_coast_s)
 
-    def _within(self, book: TrackBook, stamp_ns: int, limit_s: float) -> Mask:
+    def _within(self, book: TrackRows, stamp_ns: int, limit_s: float) -> Mask:
         """Tracks last detected at most `limit_s` ago; in nanoseconds, so no rounding decides."""
         coasted_ns = stamp_ns - book.seen_ns
         allowed = coasted_ns <= round(limit_s * 1e9)
@@ -100,7 +96,7 @@ class Life:
             allowed &= coasted_ns <= book.seen_ns - book.born_ns
         return np.asarray(allowed)
 
-    def score(self, book: TrackBook, stamp_ns: int) -> F64:
+    def score(self, book: TrackRows, stamp_ns: int) -> F64:
         """Score of every track, less the decay of coasting."""
         kinds = {
             "last": book.score,
@@ -112,12 +108,12 @@ class Life:
         return np.asarray(score - loss * np.abs(score))
 
 
-def coasted_s(book: TrackBook, stamp_ns: int) -> F64:
+def coasted_s(book: TrackRows, stamp_ns: int) -> F64:
     """Seconds since each track was last detected."""
     return np.asarray((stamp_ns - book.seen_ns) * 1e-9, np.float64)
 
 
-def record_hits(book: TrackBook, rows: I64, score: F64, source: I64, stamp_ns: int) -> None:
+def record_hits(book: TrackRows, rows: I64, score: F64, source: I64, stamp_ns: int) -> None:
     """Books the detections of matched tracks.
 
     Confidence is 1 - (1 - c)(1 - s) for scores that are probabilities: every detection is a

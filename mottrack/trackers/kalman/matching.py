@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.trackers.association import ASSIGNMENTS, candidate_pairs
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_cost import COSTS, largest_offset_m
 from mottrack.trackers.kalman.predicted import Predicted
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 Pairs = tuple[I64, I64]
 
 

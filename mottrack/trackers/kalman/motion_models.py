@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from mottrack.core.arrays import F64
+
 MotionModel = Callable[[F64, F64], tuple[F64, F64]]
 
 X, Y, Z, YAW, LENGTH, VX, VY, TURN, AX, AY = 0, 1, 2, 3, 4, 7, 8, 10, 11, 12

@@ -1,13 +1,10 @@
 """Non-maximum suppression of detections, before tracking."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.geometry.pair_iou import bev_iou_of_pairs
 from mottrack.trackers.association.candidates import candidate_pairs
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I64:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.trackers.kalman.state import CA_SIZE
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

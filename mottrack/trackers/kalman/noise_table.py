@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.errors import unknown_name
 from mottrack.trackers.kalman import chiu2020, default_noise
 from mottrack.trackers.kalman.config import ClassNoise, NoiseConfig
 from mottrack.trackers.kalman.noise_model import NoiseRows
-
-I64 = NDArray[np.int64]
 
 
 def published() -> dict[str, ClassNoise]:
@@ -52,7 +50,7 @@ class NoiseTable:
         self._rows = [known[label] for label in self.labels]
         self._pack()
 
-    def index(self, label: NDArray[np.str_]) -> I64:
+    def index(self, label: Texts) -> I64:
         """Index (N,) of each label; an unseen one gets the noise of the unknown class."""
         names = label.tolist()
         for name in sorted(set(names) - self._position.keys()):
@@ -61,12 +59,12 @@ class NoiseTable:
             self._pack()
         return np.array([self._position[name] for name in names], np.int64)
 
-    def knows(self, label: NDArray[np.str_]) -> NDArray[np.bool_]:
+    def knows(self, label: Texts) -> Mask:
         """Whether each label (N,) has noise of its own."""
         return np.isin(label, self.labels[: self.known])
 
     @property
-    def process(self) -> NDArray[np.float64]:
+    def process(self) -> F64:
         """Process noise (C, 13) of every class, per unit of time."""
         return self._packed.process
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.association import centre_distance_m
 from mottrack.trackers.kalman.config import AssociationConfig
@@ -14,8 +14,6 @@ from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_terms import Expected, Observed, pair_terms
 from mottrack.trackers.kalman.predicted import Predicted
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 Pairs = tuple[I64, I64]
 PairCost = Callable[[Detections, Predicted, Pairs, AssociationConfig], tuple[F64, F64]]
 

@@ -1,15 +1,13 @@
 """The Mahalanobis distance of listed pairs of detection and track, compiled."""
 
-import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.kalman.state import YAW
 from mottrack.trackers.kalman.velocity_belief import SMALLEST
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Observed = tuple[F64, F64, F64, F64, F64, NDArray[np.bool_], F64, F64]
+Observed = tuple[F64, F64, F64, F64, F64, Mask, F64, F64]
 """box, position, axial, velocity, velocity_covariance, moving, no_news, stray of `Detections`."""
 Expected = tuple[F64, F64, F64]
 """mean, planar, axial of `Predicted`."""
@@ -17,7 +15,7 @@ Expected = tuple[F64, F64, F64]
 LOG_2_PI = float(np.log(2.0 * np.pi))
 
 
-@numba.njit(cache=True)
+@compiled
 def pair_terms(
     pairs: tuple[I64, I64], seen: Observed, tracks: Expected, how: tuple[int, int, float]
 ) -> tuple[F64, F64]:
@@ -50,7 +48,7 @@ def pair_terms(
     return squared, surprise
 
 
-@numba.njit(cache=True)
+@compiled
 def _velocity_terms(
     seen: Observed, tracks: Expected, pair: tuple[int, int], centre: tuple[F64, float, float]
 ) -> tuple[float, float]:
@@ -74,18 +72,18 @@ def _velocity_terms(
     return _quadratic(given, r[0], r[1]), _determinant(given)
 
 
-@numba.njit(cache=True)
+@compiled
 def _determinant(s: F64) -> float:
     return float(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1])
 
 
-@numba.njit(cache=True)
+@compiled
 def _quadratic(s: F64, x: float, y: float) -> float:
     """Quadratic form v' S^-1 v."""
     return float((s[1, 1] * x * x - 2.0 * s[0, 1] * x * y + s[0, 0] * y * y) / _determinant(s))
 
 
-@numba.njit(cache=True)
+@compiled
 def _modulo_pi(angle: float) -> float:
     """In [-pi/2, pi/2): a box says little of front and rear."""
     return float((angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi)

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers.kalman.motion_models import MOTION_MODELS
 from mottrack.trackers.kalman.noise_model import process_covariance
 from mottrack.trackers.kalman.pair_cost import heading_residual
 from mottrack.trackers.kalman.state import YAW
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)

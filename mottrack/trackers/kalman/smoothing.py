@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core.errors import ConfigError
 from mottrack.core.objects import Tracks
@@ -13,8 +12,6 @@ from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.rts import Estimate, Motion, fill_gaps, rts
 from mottrack.trackers.kalman.state import SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
-
-I64 = NDArray[np.int64]
 
 Place = tuple[int, int]
 """Step, and row in that step's tracks."""

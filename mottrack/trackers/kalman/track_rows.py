@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from mottrack.core.arrays import F64, I64, Mask
 
 
 @dataclass(slots=True)
-class TrackBook:
+class TrackRows:
     """One row a live track, in order of birth."""
 
     id: I64
@@ -27,7 +26,7 @@ class TrackBook:
     """Belief that there is an object, from all its scores."""
     hits: I64
     """Detections so far, in total."""
-    confirmed: NDArray[np.bool_]
+    confirmed: Mask
     """Whether it has ever had as many as it takes to be put out."""
     misses: I64
     """Steps since the last detection."""
@@ -41,15 +40,15 @@ class TrackBook:
     """Row of this step's detection in the objects handed over; -1 while coasting."""
 
     @classmethod
-    def empty(cls) -> TrackBook:
+    def empty(cls) -> TrackRows:
         """No track."""
         nothing = np.empty(0, np.int64)
-        return newborn(0, nothing, nothing.astype(np.float64), 0)
+        return new_tracks(0, nothing, nothing.astype(np.float64), 0)
 
     def __len__(self) -> int:
         return len(self.id)
 
-    def append(self, new: TrackBook) -> None:
+    def append(self, new: TrackRows) -> None:
         """Adds the rows of another book."""
         for item in fields(self):
             joined = np.concatenate([getattr(self, item.name), getattr(new, item.name)])
@@ -61,10 +60,10 @@ class TrackBook:
             setattr(self, item.name, getattr(self, item.name)[mask])
 
 
-def newborn(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackBook:
+def new_tracks(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackRows:
     """Rows of n new tracks with consecutive ids."""
     n = len(label)
-    return TrackBook(
+    return TrackRows(
         id=np.arange(first_id, first_id + n),
         label=label,
         score=score.copy(),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.checks import as_stamp
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
@@ -13,18 +13,15 @@ from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, read_detections
-from mottrack.trackers.kalman.lifecycle import Life, record_hits
+from mottrack.trackers.kalman.lifecycle import TrackManagement, record_hits
 from mottrack.trackers.kalman.matching import match, others
 from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
 from mottrack.trackers.kalman.noise_table import NoiseTable
 from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
 from mottrack.trackers.kalman.predicted import Predicted
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
-from mottrack.trackers.kalman.track_rows import TrackBook, newborn
+from mottrack.trackers.kalman.track_rows import TrackRows, new_tracks
 from mottrack.trackers.kalman.velocity_belief import density, rest_odds
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 FLIP_LIMIT = 3
 """Votes that a heading can gather: more detections than this turn any box round."""
@@ -43,8 +40,8 @@ class KalmanTracker:
         self.config = config or KalmanConfig()
         self._table = NoiseTable(self.config.noise)
         self._bank = make_bank(self.config)
-        self._book = TrackBook.empty()
-        self._life = Life(self.config.life)
+        self._book = TrackRows.empty()
+        self._life = TrackManagement(self.config.life)
         self._hulls = CarriedHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
@@ -95,7 +92,7 @@ class KalmanTracker:
             raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
         return (stamp_ns - self._stamp_ns) * 1e-9
 
-    def _predict(self, active: NDArray[np.bool_], duration: float) -> None:
+    def _predict(self, active: Mask, duration: float) -> None:
         process = self._table.process[self._book.label]
         self._bank.predict(np.where(active, duration, 0.0), process)
 
@@ -124,7 +121,7 @@ class KalmanTracker:
             believed = self._believable(rows, columns, seen)
             self._correct_velocity(rows[believed], columns[believed], seen)
 
-    def _believable(self, rows: I64, columns: I64, seen: Detections) -> NDArray[np.bool_]:
+    def _believable(self, rows: I64, columns: I64, seen: Detections) -> Mask:
         """Velocities that are likelier their tracks' than a failure of the source, (n,)."""
         mean, own = self._bank.mean[rows, VELOCITY], self._bank.planar_covariance()[rows, 2:, 2:]
         velocity, noise = seen.velocity[columns], seen.velocity_covariance[columns]
@@ -168,12 +165,12 @@ class KalmanTracker:
         weighed = np.flatnonzero(new.moving & ~taken)
         weighed = weighed[self._believable(first + weighed, weighed, new)]
         self._correct_velocity(first + weighed, weighed, new)
-        book = newborn(self._next_id, new.label, new.score, stamp_ns)
+        book = new_tracks(self._next_id, new.label, new.score, stamp_ns)
         book.source[:] = new.source
         self._book.append(book)
         self._next_id += len(new)
 
-    def _put_out(self, shown: NDArray[np.bool_], stamp_ns: int, unit_s: float) -> Tracks:
+    def _put_out(self, shown: Mask, stamp_ns: int, unit_s: float) -> Tracks:
         book, mean = self._book, self._bank.mean[shown]
         source, covariance = book.source[shown], self._bank.covariance[shown]
         return Tracks(
@@ -192,7 +189,7 @@ class KalmanTracker:
             observed=source >= 0,
         )
 
-    def _bury(self, alive: NDArray[np.bool_]) -> None:
+    def _bury(self, alive: Mask) -> None:
         if not alive.all():
             self._bank.keep(alive)
             self._book.keep(alive)

@@ -22,12 +22,11 @@ it was seen, are
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mottrack.core.faults import VelocityFaults
+from mottrack.core.arrays import F64
+from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.geometry.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
 
-F64 = NDArray[np.float64]
 SMALLEST = 1e-200
 """What no term explains is a failure, not a rounding to 0."""
 
@@ -38,18 +37,20 @@ def density(residual: F64, covariance: F64) -> F64:
     return np.asarray(np.exp(-0.5 * squared) / (2 * np.pi * np.sqrt(determinant_2x2(covariance))))
 
 
-def failure_density(velocity: F64, covariance: F64, faults: VelocityFaults, gross: float) -> F64:
+def failure_density(
+    velocity: F64, covariance: F64, error_model: VelocityErrorModel, gross: float
+) -> F64:
     """The second and the third term for velocities (n, 2) with R_d (n, 2, 2), over sound, (n,).
 
     `gross` is the standard deviation of a gross velocity, in the unit of the velocities.
     """
     result = np.zeros(len(velocity))
-    if faults.lost_share > 0:
-        result += faults.lost_share * density(velocity, covariance)
-    if faults.gross_share > 0:
+    if error_model.p_missed_motion > 0:
+        result += error_model.p_missed_motion * density(velocity, covariance)
+    if error_model.p_outlier > 0:
         spread = covariance + gross**2 * np.eye(2)
-        result += faults.gross_share * density(velocity, spread)
-    sound_share = 1.0 - faults.lost_share - faults.gross_share
+        result += error_model.p_outlier * density(velocity, spread)
+    sound_share = 1.0 - error_model.p_missed_motion - error_model.p_outlier
     return np.maximum(result / sound_share, SMALLEST if sound_share < 1.0 else 0.0)
 
 

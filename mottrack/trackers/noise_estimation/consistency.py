@@ -9,13 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64
 from mottrack.core.objects import Objects, Tracks, Truth
 from mottrack.trackers.kalman.state import PLANAR
 from mottrack.trackers.noise_estimation.samples import match_truth
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

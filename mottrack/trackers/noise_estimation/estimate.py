@@ -10,16 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.trackers.kalman.config import ClassNoise
 from mottrack.trackers.kalman.default_noise import SIZE_M2PS, WANDER_M2PS, WANDER_RAD2PS
 from mottrack.trackers.kalman.pair_cost import heading_residual
 from mottrack.trackers.noise_estimation.samples import Pairs
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 OUTLIER_SIGMA = 5.0
 """Errors beyond this many robust standard deviations are no noise but mistakes."""
@@ -88,7 +85,7 @@ def estimate_velocity_noise(pairs: Pairs) -> VelocityEstimate | None:
     )
 
 
-def inliers(error: F64) -> NDArray[np.bool_]:
+def inliers(error: F64) -> Mask:
     """Errors (N,) within `OUTLIER_SIGMA` of their median, the sigma from the median deviation."""
     deviation = np.abs(error - np.median(error))
     return np.asarray(deviation <= OUTLIER_SIGMA * MAD_TO_SIGMA * np.median(deviation) + 1e-12)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.objects import Boxes, Objects, Truth
 from mottrack.trackers.association import candidate_pairs, centre_distance_m, hungarian
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 MATCH_RADIUS_M = 2.0
 """Detections further than this from an object of their class are none of it (Chiu et al.)."""
@@ -27,7 +24,7 @@ class Pairs:
     scenes.
     """
 
-    label: NDArray[np.str_]
+    label: Texts
     """(N,)"""
     detection: F64
     """(N, 7)"""
@@ -35,7 +32,7 @@ class Pairs:
     """(N, 7)"""
     velocity_error: F64
     """(N, 2) measured less true velocity in m/s; NaN where none was measured."""
-    true_label: NDArray[np.str_]
+    true_label: Texts
     """(M,)"""
     true_object: I64
     """(M,)"""

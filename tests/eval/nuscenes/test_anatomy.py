@@ -9,11 +9,11 @@ from mottrack.eval.nuscenes.anatomy import (
     FALSE_POSITIVES,
     MISSES,
     SWITCHES,
-    Anatomist,
+    ErrorClassifier,
     buckets,
     truth_speeds,
 )
-from mottrack.eval.nuscenes.anatomy_report import as_plain, dissect, format_anatomy
+from mottrack.eval.nuscenes.anatomy_report import as_plain, classify_errors, format_anatomy
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Samples
 from mottrack.eval.nuscenes.levels import class_scenes
 from mottrack.eval.nuscenes.prepare import prepare
@@ -66,7 +66,7 @@ def scene() -> Prepared:
 def test_each_kind_is_found() -> None:
     data = scene()
     scenes = class_scenes(data, CAR, RULES)
-    counts = Anatomist.of(data, CAR, RULES, scenes).errors(0.0).count()
+    counts = ErrorClassifier.of(data, CAR, RULES, scenes).errors(0.0).count()
     assert counts == {
         "late start": 1,
         "gap": 1,
@@ -88,7 +88,7 @@ def test_kinds_add_up_to_the_official_counts(
 ) -> None:
     data = prepare(*make_problem(seed), RULES)
     metrics = evaluate_prepared(data, RULES)
-    anatomy = dissect(data, RULES)
+    anatomy = classify_errors(data, RULES)
     assert anatomy
     for name, part in anatomy.items():
         official = metrics.classes[name]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import Objects, VelocityMeasurement
-from mottrack.core.faults import SOUND, VelocityFaults
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 
 MakeObjects = Callable[..., Objects]
 
@@ -24,7 +24,7 @@ def clusters() -> MakeObjects:
         stamp_ns: int,
         rows: list[tuple[float, ...]],
         velocity: object = None,
-        faults: VelocityFaults = SOUND,
+        error_model: VelocityErrorModel = NO_OUTLIERS,
     ) -> Objects:
         data = np.array(rows, float).reshape(-1, 4)
         count = len(data)
@@ -32,7 +32,7 @@ def clusters() -> MakeObjects:
         if velocity is not None:
             mean = np.array(velocity, float).reshape(-1, 2)
             spread = np.tile(0.04 * np.eye(2), (count, 1, 1))
-            measured = VelocityMeasurement(mean, spread, np.ones(count, np.bool_), faults)
+            measured = VelocityMeasurement(mean, spread, np.ones(count, np.bool_), error_model)
         return Objects(
             stamp_ns=stamp_ns,
             centre_m=np.column_stack([data[:, :2], np.ones(count)]),

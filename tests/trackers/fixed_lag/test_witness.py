@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mottrack.core.faults import FLOW_FAULTS, SOUND
+from mottrack.core.velocity_errors import FLOW_ERRORS, NO_OUTLIERS
 from mottrack.trackers.fixed_lag import FixedLagTracker
 from mottrack.trackers.fixed_lag.engine import History
 from mottrack.trackers.fixed_lag.missed_motion import Witness, displacement_velocity
@@ -52,7 +52,7 @@ def test_a_flow_that_misses_a_motion_loses_its_weight(
 ) -> None:
     tracker = FixedLagTracker()
     for k in range(12):
-        seen = clusters(stamp(k), [(0.1 * speed_mps * k, 0, *CAR)], [(0, 0)], FLOW_FAULTS)
+        seen = clusters(stamp(k), [(0.1 * speed_mps * k, 0, *CAR)], [(0, 0)], FLOW_ERRORS)
         tracks = tracker.step(stamp(k), seen)
     assert tracks.id.tolist() == [1]
     assert abs(tracks.velocity_mps[0, 0] - speed_mps) < 0.5
@@ -61,7 +61,7 @@ def test_a_flow_that_misses_a_motion_loses_its_weight(
 def test_a_source_that_loses_no_motion_is_believed(clusters: MakeObjects) -> None:
     tracker = FixedLagTracker()
     for k in range(12):
-        seen = clusters(stamp(k), [(0.6 * k, 0, *CAR)], [(0, 0)], SOUND)
+        seen = clusters(stamp(k), [(0.6 * k, 0, *CAR)], [(0, 0)], NO_OUTLIERS)
         tracks = tracker.step(stamp(k), seen)
     astray = len(tracks) == 0 or tracks.id.tolist() != [1]
     assert astray or abs(tracks.velocity_mps[0, 0] - 6.0) > 1.0
@@ -70,16 +70,16 @@ def test_a_source_that_loses_no_motion_is_believed(clusters: MakeObjects) -> Non
 def test_a_velocity_that_agrees_with_the_displacement_keeps_its_weight() -> None:
     age_s = np.arange(9, -1, -1)[None] * 0.1
     track = history(-6.0 * age_s[..., None] * [1, 0], age_s, velocity_mps=[6.0, 0.0])
-    assert (Witness().odds(track, FLOW_FAULTS) < 0).all()
+    assert (Witness().odds(track, FLOW_ERRORS) < 0).all()
     track = history(-6.0 * age_s[..., None] * [1, 0], age_s, velocity_mps=[0.0, 0.0])
-    assert (Witness().odds(track, FLOW_FAULTS) > 0).all()
+    assert (Witness().odds(track, FLOW_ERRORS) > 0).all()
 
 
 def test_the_visible_part_of_a_wall_may_grow(clusters: MakeObjects) -> None:
     """A part that is uncovered at 12 m/s moves its middle at 6 m/s; the wall stands."""
     tracker = FixedLagTracker()
     for k in range(12):
-        seen = clusters(stamp(k), [(0.6 * k, 0, 2 + 1.2 * k, 1)], [(0, 0)], FLOW_FAULTS)
+        seen = clusters(stamp(k), [(0.6 * k, 0, 2 + 1.2 * k, 1)], [(0, 0)], FLOW_ERRORS)
         tracks = tracker.step(stamp(k), seen)
         if k > 0:
             assert np.hypot(*tracks.velocity_mps[0]) < 1.5
@@ -89,7 +89,7 @@ def test_a_cluster_that_jitters_is_not_set_in_motion(clusters: MakeObjects) -> N
     rng, tracker = np.random.default_rng(1), FixedLagTracker()
     for k in range(30):
         at = 0.1 * rng.normal(size=2)  # as its covariance says
-        seen = clusters(stamp(k), [(*at, *CAR)], [(0, 0)], FLOW_FAULTS)
+        seen = clusters(stamp(k), [(*at, *CAR)], [(0, 0)], FLOW_ERRORS)
         tracks = tracker.step(stamp(k), seen)
         if k > 0:
             assert np.hypot(*tracks.velocity_mps[0]) < 0.8

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32
 from mottrack.flow.pillarflow.descriptors import CellGrid, describe
 from mottrack.flow.pillarflow.inference.engine import Motion, as_motion
 from mottrack.flow.pillarflow.inference.fold import folded
@@ -14,7 +13,6 @@ from mottrack.flow.pillarflow.network import Estimate
 from mottrack.flow.pillarflow.pillar_net import Points
 from mottrack.flow.pillarflow.weights_file import Weights
 
-Floats = NDArray[np.float32]
 WARM_UP = 3
 
 
@@ -30,7 +28,7 @@ class CudaEngine:
         self.graphs: dict[tuple[int, ...], _Captured] = {}
 
     @torch.inference_mode()
-    def run(self, previous: Floats, current: Floats, seen: Floats, cells: CellGrid) -> Motion:
+    def run(self, previous: F32, current: F32, seen: F32, cells: CellGrid) -> Motion:
         """Points (N,4) of both sweeps and seen (4,rows,columns) -> motion."""
         images = [self.encoder(_points(points, cells)) for points in (current, previous)]
         inputs = (*images, torch.from_numpy(seen)[None].cuda())
@@ -67,7 +65,7 @@ class _Captured:
         return self.estimate
 
 
-def _points(points: Floats, cells: CellGrid) -> Points:
+def _points(points: F32, cells: CellGrid) -> Points:
     described, flat, _ = describe(points, cells)
     shape = (1, cells.rows, cells.columns)
     return Points(torch.from_numpy(described).cuda(), torch.from_numpy(flat).cuda(), shape)

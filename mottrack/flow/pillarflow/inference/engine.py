@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.flow.pillarflow.inference.fold import folded, folded_linear
@@ -19,16 +19,14 @@ from mottrack.flow.pillarflow.network import Estimate
 from mottrack.flow.pillarflow.pillar_net import PillarEncoder
 from mottrack.flow.pillarflow.weights_file import Weights
 
-Floats = NDArray[np.float32]
-
 
 @dataclass(frozen=True)
 class Motion:
     """The network's word on its own cells, in metres over the interval."""
 
-    motion_m: Floats
+    motion_m: F32
     """(rows,columns,2) way of each cell since the previous sweep."""
-    covariance_m2: Floats
+    covariance_m2: F32
     """(rows,columns,2,2) covariance of its error."""
     stride: int
     """Pillars along the edge of one of these cells."""
@@ -37,7 +35,7 @@ class Motion:
 class Engine(Protocol):
     """Runs one network on one device."""
 
-    def run(self, previous: Floats, current: Floats, seen: Floats, cells: CellGrid) -> Motion:
+    def run(self, previous: F32, current: F32, seen: F32, cells: CellGrid) -> Motion:
         """Points (N,4) of both sweeps and seen (4,rows,columns) -> motion."""
         ...
 
@@ -53,23 +51,23 @@ class CpuEngine:
         flow = folded(weights.network.flow)
         self.flow = channels_last(flow)
         encoder = weights.network.encoder
-        self.layer: tuple[Floats, Floats] | None = None
+        self.layer: tuple[F32, F32] | None = None
         if isinstance(encoder, PillarEncoder):
             weight, bias = folded_linear(encoder)
             self.layer = weight.numpy(), bias.numpy()
 
-    def image(self, points: Floats, cells: CellGrid) -> Floats:
+    def image(self, points: F32, cells: CellGrid) -> F32:
         """Pseudo-image (rows,columns,C) of one sweep."""
         if self.layer is None:
             return binary_image(points, cells)
         return pillar_image(points, cells, *self.layer)
 
-    def run(self, previous: Floats, current: Floats, seen: Floats, cells: CellGrid) -> Motion:
+    def run(self, previous: F32, current: F32, seen: F32, cells: CellGrid) -> Motion:
         """Points (N,4) of both sweeps and seen (4,rows,columns) -> motion."""
         one, two = (_batched(image) for image in self.images(current, previous, cells))
         return self.flow_of(one, two, torch.from_numpy(seen)[None])
 
-    def images(self, current: Floats, previous: Floats, cells: CellGrid) -> list[Floats]:
+    def images(self, current: F32, previous: F32, cells: CellGrid) -> list[F32]:
         """Pseudo-images of both sweeps, side by side (the loops release the lock)."""
         with ThreadPoolExecutor(min(2, torch.get_num_threads())) as pool:
             return list(pool.map(lambda points: self.image(points, cells), (current, previous)))
@@ -96,12 +94,12 @@ def as_motion(estimate: Estimate, stride: int, calibration: Calibration) -> Moti
     return Motion(np.ascontiguousarray(motion), covariance_m2, stride)
 
 
-def covariance_of(factor: Floats) -> Floats:
+def covariance_of(factor: F32) -> F32:
     """L L^T (...,2,2) from (log L_xx, L_yx, log L_yy) (...,3)."""
     xx, yx, yy = np.exp(factor[..., 0]), factor[..., 1], np.exp(factor[..., 2])
     rows = ((xx * xx, xx * yx), (xx * yx, yx * yx + yy * yy))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2).astype(np.float32)
 
 
-def _batched(image: Floats) -> torch.Tensor:
+def _batched(image: F32) -> torch.Tensor:
     return torch.from_numpy(image)[None].permute(0, 3, 1, 2)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64
 from mottrack.flow.pillarflow.descriptors import CellGrid, describe, place
 
-Floats = NDArray[np.float32]
 
-
-def pillar_image(points: Floats, grid: CellGrid, weight: Floats, bias: Floats) -> Floats:
+def pillar_image(points: F32, grid: CellGrid, weight: F32, bias: F32) -> F32:
     """Pseudo-image (rows,columns,C) of points (N,4) by the folded layer: (C,9) and (C,)."""
     described, cells, _ = describe(points, grid)
     image = np.zeros((grid.cells, len(bias)), np.float32)
@@ -19,7 +17,7 @@ def pillar_image(points: Floats, grid: CellGrid, weight: Floats, bias: Floats) -
     return image.reshape(grid.rows, grid.columns, len(bias))
 
 
-def binary_image(points: Floats, grid: CellGrid) -> Floats:
+def binary_image(points: F32, grid: CellGrid) -> F32:
     """Occupancy (rows,columns,1) as 0 and 1."""
     cells = place(points, grid)
     image = np.zeros((grid.cells, 1), np.float32)
@@ -27,10 +25,8 @@ def binary_image(points: Floats, grid: CellGrid) -> Floats:
     return image.reshape(grid.rows, grid.columns, 1)
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _embed(
-    described: Floats, cells: NDArray[np.int64], weight: Floats, bias: Floats, image: Floats
-) -> None:
+@compiled(nogil=True, fastmath=True)
+def _embed(described: F32, cells: I64, weight: F32, bias: F32, image: F32) -> None:
     channels = len(bias)
     embedded = np.empty(channels, np.float32)
     for i in range(len(cells)):

@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32
 from mottrack.flow.pillarflow.training.example import Example
-
-Floats = NDArray[np.float32]
 
 
 class AugmentationConfig(StrictModel):
@@ -82,13 +80,13 @@ def thinned(example: Example, keep: float, rng: Generator) -> Example:
     )
 
 
-def _raised(points: Floats, height_m: np.float32) -> Floats:
+def _raised(points: F32, height_m: np.float32) -> F32:
     points = points.copy()
     points[:, 2] += height_m
     return points
 
 
-def _nudged(points: Floats, config: AugmentationConfig, rng: Generator) -> Floats:
+def _nudged(points: F32, config: AugmentationConfig, rng: Generator) -> F32:
     """A small error of the odometry between the sweeps."""
     points = points.copy()
     angle = rng.normal(0.0, config.pose_noise_rad)
@@ -97,7 +95,7 @@ def _nudged(points: Floats, config: AugmentationConfig, rng: Generator) -> Float
     return points
 
 
-def _relight(current: Floats, previous: Floats, config: AugmentationConfig, rng: Generator) -> None:
+def _relight(current: F32, previous: F32, config: AugmentationConfig, rng: Generator) -> None:
     """Another sensor's reflectance curve, or none at all (the arrays are the caller's own)."""
     power = np.exp(rng.uniform(-config.gamma, config.gamma))
     for points in (current, previous):

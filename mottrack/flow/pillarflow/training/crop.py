@@ -6,15 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, I64, Mask
 from mottrack.flow.pillarflow.descriptors import CellGrid, describe
 from mottrack.flow.pillarflow.training.example import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.targets import cell_means
-
-Floats = NDArray[np.float32]
 
 
 class CropConfig(StrictModel):
@@ -32,21 +30,21 @@ class CropConfig(StrictModel):
 class Crop:
     """One row of a batch on `rows x columns` pillars."""
 
-    current: tuple[Floats, NDArray[np.int64]]
+    current: tuple[F32, I64]
     """Descriptors (M,9) and cells (M,)."""
-    previous: tuple[Floats, NDArray[np.int64]]
+    previous: tuple[F32, I64]
     """The same of the previous sweep."""
-    seen: Floats
+    seen: F32
     """(4,rows,columns) unseen and seen-free shares."""
-    motion_m: Floats
+    motion_m: F32
     """(2,rows,columns) target."""
-    mask: Floats
+    mask: F32
     """(1,rows,columns) 1 where the target counts."""
     elapsed_s: float
     """Time between the sweeps."""
 
 
-def crop_centre(example: Example, config: CropConfig, rng: Generator) -> Floats:
+def crop_centre(example: Example, config: CropConfig, rng: Generator) -> F32:
     """A point (x, y) near a mover or near anything."""
     rows = np.arange(len(example.current))
     if rng.random() < config.on_movers:
@@ -57,9 +55,7 @@ def crop_centre(example: Example, config: CropConfig, rng: Generator) -> Floats:
     return (example.current[rng.choice(rows), :2] + jitter).astype(np.float32)
 
 
-def _mover(
-    example: Example, config: CropConfig, rng: Generator, otherwise: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _mover(example: Example, config: CropConfig, rng: Generator, otherwise: I64) -> I64:
     """Points of one moving object; each is as likely as any other, however few points it has."""
     moving = np.linalg.norm(example.motion_m, axis=1) > config.moving_mps * example.elapsed_s
     if not moving.any():
@@ -68,7 +64,7 @@ def _mover(
     return np.flatnonzero(moving & (example.current_object == chosen))
 
 
-def turn(rng: Generator) -> Floats:
+def turn(rng: Generator) -> F32:
     """A random rotation of the plane, mirrored every second time."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     c, s = np.cos(angle), np.sin(angle)
@@ -81,7 +77,7 @@ def whole(example: Example, cells: CellGrid, config: CropConfig) -> Crop:
     return cut(example, cells, np.eye(2, dtype=np.float32), config)
 
 
-def cut(example: Example, cells: CellGrid, turned: Floats, config: CropConfig) -> Crop:
+def cut(example: Example, cells: CellGrid, turned: F32, config: CropConfig) -> Crop:
     """The part of an example, turned about the vehicle by `turned` (2,2), that lies on `cells`."""
     current, previous = example.current.copy(), example.previous.copy()
     current[:, :2] = current[:, :2] @ turned.T
@@ -106,9 +102,7 @@ def cut(example: Example, cells: CellGrid, turned: Floats, config: CropConfig) -
     )
 
 
-def observable(
-    example: Example, then: NDArray[np.bool_], now: NDArray[np.bool_], config: CropConfig
-) -> Floats:
+def observable(example: Example, then: Mask, now: Mask, config: CropConfig) -> F32:
     """(K+1,) 1 for objects with enough points on both sides; the last row is the background."""
     count = len(example.centre_m) + 1
     seen_then = np.bincount(example.previous_object[then] + 1, minlength=count)[1:]
@@ -117,7 +111,7 @@ def observable(
     return np.append(enough, True).astype(np.float32)
 
 
-def _seen(example: Example, cells: CellGrid, turned: Floats) -> Floats:
+def _seen(example: Example, cells: CellGrid, turned: F32) -> F32:
     """The visibility rasters sampled at the turned cells; outside of them all is unseen."""
     x = cells.x_min_m + (np.arange(cells.columns) + 0.5) * cells.cell_m
     y = cells.y_min_m + (np.arange(cells.rows) + 0.5) * cells.cell_m

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, I16, I64, U8
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.sweep import Sweep
@@ -16,9 +16,8 @@ from mottrack.flow.pillarflow.raster import (
     network_points,
     seen_shares,
 )
-from mottrack.flow.sweep_pair.prepared import Prepared
+from mottrack.flow.sweep_pair.prepared import SweepPair
 
-Floats = NDArray[np.float32]
 EXAMPLE_GRID = BevGrid(cell_m=0.5)
 """The visibility rasters of an example lie on this grid."""
 
@@ -27,13 +26,13 @@ EXAMPLE_GRID = BevGrid(cell_m=0.5)
 class Labels:
     """Truth of a pair of sweeps, for every point of the raw sweeps (not yet prepared)."""
 
-    previous_object: NDArray[np.int16]
+    previous_object: I16
     """(N_previous,) row of the object that the point lies on, -1: background."""
-    current_object: NDArray[np.int16]
+    current_object: I16
     """(N_current,) the same for the current sweep."""
-    velocity_mps: Floats
+    velocity_mps: F32
     """(N_current,2) velocity over the ground of each current point, current ego axes."""
-    centre_m: Floats
+    centre_m: F32
     """(K,2,2) centre (x, y) of each object in the previous, then the current sweep; all in the
     current ego frame."""
 
@@ -42,25 +41,25 @@ class Labels:
 class Example:
     """A prepared pair, everything in the current ego frame."""
 
-    previous: Floats
+    previous: F32
     """(N,4) x, y, height above ground [m], reflectance."""
-    current: Floats
+    current: F32
     """(M,4) the same of the current sweep."""
-    previous_object: NDArray[np.int16]
+    previous_object: I16
     """(N,) row of the object, -1: background."""
-    current_object: NDArray[np.int16]
+    current_object: I16
     """(M,) the same of the current sweep."""
-    motion_m: Floats
+    motion_m: F32
     """(M,2) way of each current point over the ground since the previous sweep."""
-    centre_m: Floats
+    centre_m: F32
     """(K,2,2) centres of the objects, previous and current."""
-    seen: NDArray[np.uint8]
+    seen: U8
     """(4,H,W) on EXAMPLE_GRID, in percent: unseen and seen-free of current, then previous."""
     elapsed_s: float
     """Time between the sweeps."""
 
 
-def example_of(prepared: Prepared, labels: Labels, grid: BevGrid) -> Example:
+def example_of(prepared: SweepPair, labels: Labels, grid: BevGrid) -> Example:
     """Join a prepared pair with its truth; `grid` is the one of its visibility rasters.
 
     The row numbers of the raw points must have come along as the sweeps' `time_offset_ns`.
@@ -87,7 +86,7 @@ def numbered(sweep: Sweep) -> Sweep:
     return replace(sweep, time_offset_ns=np.arange(len(sweep), dtype=np.int64), ring=None)
 
 
-def _rows(sweep: Sweep) -> NDArray[np.int64]:
+def _rows(sweep: Sweep) -> I64:
     if sweep.time_offset_ns is None:
         raise InputError("time_offset_ns", None, "row numbers, see `numbered`")
     return sweep.time_offset_ns

@@ -8,8 +8,8 @@ corners of a turning bus move as they do. Everything without a track has velocit
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, I16, I64
 from mottrack.core.objects import Truth
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
@@ -49,13 +49,13 @@ def labels_from_tracks(previous: Sweep, current: Sweep, then: Truth, now: Truth)
     )
 
 
-def _partners(ids: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.int64]:
+def _partners(ids: I64, others: I64) -> I64:
     """Row of each id among the others, -1 where absent."""
     rows = {int(one): row for row, one in enumerate(others)}
     return np.array([rows.get(int(one), -1) for one in ids], np.int64)
 
 
-def _renamed(rows: NDArray[np.int64], partner: NDArray[np.int64], count: int) -> NDArray[np.int16]:
+def _renamed(rows: I64, partner: I64, count: int) -> I16:
     """Rows of the earlier boxes -> rows of the later ones, -1 where an object has gone."""
     later = np.full(count + 1, -1, np.int64)
     later[partner[partner >= 0]] = np.flatnonzero(partner >= 0)
@@ -64,10 +64,10 @@ def _renamed(rows: NDArray[np.int64], partner: NDArray[np.int64], count: int) ->
 
 def _velocities(
     current: Sweep,
-    rows: NDArray[np.int64],
+    rows: I64,
     boxes: tuple[Truth, Truth],
-    partner: NDArray[np.int64],
-) -> NDArray[np.float32]:
+    partner: I64,
+) -> F32:
     """(N,2) way of each point with its box; zero elsewhere."""
     then, now = boxes
     way = np.zeros((len(current), 2), np.float32)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
+from mottrack.core.arrays import F32, I16
 from mottrack.core.errors import DataError
 from mottrack.flow.pillarflow.training.example import Example
 
@@ -22,12 +23,12 @@ STEP_M = 0.002
 _RAGGED = ("previous", "current", "previous_object", "current_object", "motion_m", "centre_m")
 
 
-def _packed(points: NDArray[np.float32]) -> NDArray[np.int16]:
+def _packed(points: F32) -> I16:
     scaled = np.column_stack((points[:, :3] / STEP_M, points[:, 3] * 255))
     return np.clip(np.round(scaled), -32768, 32767).astype(np.int16)
 
 
-def _unpacked(points: NDArray[np.int16]) -> NDArray[np.float32]:
+def _unpacked(points: I16) -> F32:
     scale = np.array([STEP_M, STEP_M, STEP_M, 1 / 255], np.float32)
     return points.astype(np.float32) * scale
 

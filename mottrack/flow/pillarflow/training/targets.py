@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numba import njit
-from numpy.typing import NDArray
 from torch.nn import functional
 
-Floats = NDArray[np.float32]
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F32, I64
 
 
-def cell_means(values: Floats, cells: NDArray[np.int64], count: int) -> tuple[Floats, Floats]:
+def cell_means(values: F32, cells: I64, count: int) -> tuple[F32, F32]:
     """Mean of `values` (N,K) over the points of each cell (count,K), and their number (count,)."""
-    means: tuple[Floats, Floats] = _cell_means(values, cells, count)
+    means: tuple[F32, F32] = _cell_means(values, cells, count)
     return means
 
 
-@njit(cache=True, nogil=True)
-def _cell_means(values: Floats, cells: NDArray[np.int64], count: int) -> tuple[Floats, Floats]:
+@compiled(nogil=True)
+def _cell_means(values: F32, cells: I64, count: int) -> tuple[F32, F32]:
     sums = np.zeros((count, values.shape[1]), np.float32)
     points = np.zeros(count, np.float32)
     for i in range(len(cells)):

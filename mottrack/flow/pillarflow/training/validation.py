@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, Mask
 from mottrack.flow.pillarflow.calibration import Calibration, Residuals, inside
 from mottrack.flow.pillarflow.descriptors import CellGrid
 from mottrack.flow.pillarflow.inference.engine import covariance_of
@@ -49,9 +49,9 @@ class Scores:
 class CellErrors:
     """Per occupied and observable cell of the held-out examples."""
 
-    error_mps: NDArray[np.float32]
+    error_mps: F32
     """(N,) length of the error."""
-    speed_mps: NDArray[np.float32]
+    speed_mps: F32
     """(N,) true speed."""
     residuals: Residuals
     """The same in metres over the interval, with what the network said."""
@@ -94,16 +94,16 @@ def cell_errors(
     return _gathered(np.concatenate(rows))
 
 
-def _gathered(cells: NDArray[np.float32]) -> CellErrors:
+def _gathered(cells: F32) -> CellErrors:
     """From rows (N,9): error and speed in m/s, claimed and true motion, the head's factor."""
     motion_m, truth_m = cells[:, 2:4], cells[:, 4:6]
     residuals = Residuals(motion_m - truth_m, motion_m, covariance_of(cells[:, 6:]))
     return CellErrors(cells[:, 0], cells[:, 1], residuals)
 
 
-def _rms(values: NDArray[np.float32]) -> float:
+def _rms(values: F32) -> float:
     return float(np.sqrt(np.mean(values.astype(np.float64) ** 2))) if len(values) else 0.0
 
 
-def _share(mask: NDArray[np.bool_]) -> float:
+def _share(mask: Mask) -> float:
     return float(mask.mean()) if len(mask) else 0.0

@@ -8,7 +8,7 @@ from mottrack.core.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
-class VelocityFaults:
+class VelocityErrorModel:
     """What a source of velocities does beside erring by its covariance.
 
     Raises:
@@ -17,23 +17,23 @@ class VelocityFaults:
 
     relative: float = 0.0
     """Standard deviation along the velocity as a share of it: some of the cells stood still."""
-    lost_share: float = 0.0
+    p_missed_motion: float = 0.0
     """Velocities measured as if the object stood still: its motion was not seen."""
-    gross_share: float = 0.0
+    p_outlier: float = 0.0
     """Velocities that are another object's, or nobody's."""
 
     def __post_init__(self) -> None:
-        for name in ("relative", "lost_share", "gross_share"):
+        for name in ("relative", "p_missed_motion", "p_outlier"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(name, getattr(self, name), "at least 0")
-        if self.lost_share + self.gross_share >= 1.0:
-            shares = f"{self.lost_share} + {self.gross_share}"
-            raise InputError("lost_share + gross_share", shares, "less than 1")
+        if self.p_missed_motion + self.p_outlier >= 1.0:
+            shares = f"{self.p_missed_motion} + {self.p_outlier}"
+            raise InputError("p_missed_motion + p_outlier", shares, "less than 1")
 
 
-SOUND = VelocityFaults()
-"""No faults: a radar, a detector of known quality, the truth."""
-FLOW_FAULTS = VelocityFaults(relative=0.45, lost_share=0.35, gross_share=0.1)
-"""Learned or filtered flow; assumed of a source that does not state its faults."""
-REGISTRATION_FAULTS = VelocityFaults(relative=0.6, lost_share=0.02, gross_share=0.1)
+NO_OUTLIERS = VelocityErrorModel()
+"""No outliers: a radar, a detector of known quality, the truth."""
+FLOW_ERRORS = VelocityErrorModel(relative=0.45, p_missed_motion=0.35, p_outlier=0.1)
+"""Learned or filtered flow; assumed of a source that does not state an error model."""
+REGISTRATION_ERRORS = VelocityErrorModel(relative=0.6, p_missed_motion=0.02, p_outlier=0.1)
 """Registration of points (ICP): it loses few motions, but what it finds may be wrong."""

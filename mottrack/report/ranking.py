@@ -12,7 +12,7 @@ ORACLE_FLOW, NO_FLOW = "ground_truth", "zero"
 
 
 @dataclass(frozen=True)
-class Entrant:
+class ReportRun:
     """A run as the report shows it."""
 
     index: int
@@ -51,7 +51,7 @@ class Cell:
 
 
 def best_of(
-    measure: Measure, values: Sequence[float], entrants: Sequence[Entrant]
+    measure: Measure, values: Sequence[float], entrants: Sequence[ReportRun]
 ) -> tuple[bool, ...]:
     """Which values are the best as they are printed; oracles are out of the contest.
 
