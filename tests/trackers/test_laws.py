@@ -13,7 +13,7 @@ from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose, wrap_angle
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.kalman.config import ClassNoise
-from mottrack.trackers.kalman.noise_table import TABLES
+from mottrack.trackers.kalman.noise_tables import TABLES
 
 Workload = Callable[..., list[Objects]]
 
@@ -71,22 +71,24 @@ def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker
     """The settings of a world in which everything takes `factor` times as long."""
     power = np.array([1] * 7 + [3] * 4)
     classes = {}
-    for label, noise in TABLES["default"]().items():
+    for label, noise in TABLES["default"].items():
         initial, process = np.array(noise.initial), np.array(noise.process)
         initial[7:] /= factor**2
         changed = noise.model_dump() | {"initial": initial, "process": process / factor**power}
         classes[label] = ClassNoise(**changed)
-    life = config.life.model_copy(
+    management = config.track_management.model_copy(
         update={
-            "max_coast_s": factor * config.life.max_coast_s,
-            "output_coast_s": factor * config.life.output_coast_s,
-            "decay_per_s": config.life.decay_per_s ** (1 / factor),
+            "max_coast_s": factor * config.track_management.max_coast_s,
+            "output_coast_s": factor * config.track_management.output_coast_s,
+            "decay_per_s": config.track_management.decay_per_s ** (1 / factor),
         }
     )
-    speeds = {n: getattr(config.velocity, n) / factor for n in ("floor_mps", "gross_mps")}
+    speeds = {n: getattr(config.velocity, n) / factor for n in ("floor_mps", "outlier_sigma_mps")}
     velocity = config.velocity.model_copy(update=speeds)
     noise = config.noise.model_copy(update={"classes": classes})
-    return config.model_copy(update={"noise": noise, "life": life, "velocity": velocity})
+    return config.model_copy(
+        update={"noise": noise, "track_management": management, "velocity": velocity}
+    )
 
 
 @pytest.mark.parametrize("factor", [2, 10])

@@ -7,7 +7,7 @@ import pytest
 
 from mottrack.core import InputError, Objects
 from mottrack.trackers.fixed_lag import FixedLagConfig, FixedLagTracker
-from mottrack.trackers.fixed_lag.config import AssociationConfig
+from mottrack.trackers.fixed_lag.config import FixedLagAssociationConfig
 
 from .conftest import MakeObjects
 
@@ -145,7 +145,7 @@ def test_boxes_without_hulls_are_tracked_by_class(
 
 
 def test_nearest_neighbour_is_the_papers_rule(clusters: MakeObjects) -> None:
-    config = FixedLagConfig(association=AssociationConfig(rule="nearest"))
+    config = FixedLagConfig(association=FixedLagAssociationConfig(rule="nearest"))
     tracker = FixedLagTracker(config)
     for k in range(5):
         rows = [(0, 0, 0.5, 0.5), (0, 2, 0.5, 0.5)] + ([(0, 0.7, 0.5, 0.5)] if k == 4 else [])
