@@ -14,6 +14,15 @@ from mottrack.trackers.fixed_lag.config import FixedLagAssociationConfig
 from mottrack.trackers.fixed_lag.engine import Estimate
 
 
+REFERENCE_STEP_S = 0.25
+"""Longest step at which `gate_m` and `clutter_density_per_m2` hold as they are set.
+
+The position of a new track without a measured velocity has the variance (10 m/s * dt)^2, so its
+likelihood falls with dt^2. Up to 0.25 s it still exceeds the default clutter density of 0.01/m^2,
+at speeds up to 14 m/s; from 0.4 s on nothing would be associated with it.
+"""
+
+
 class PredictedTracks(NamedTuple):
     """Tracks (N) carried to the stamp of the objects."""
 
@@ -58,6 +67,24 @@ class Matches(NamedTuple):
             self.outlier_distance[rows],
             self.cost[rows],
         )
+
+
+def adapted_to_step(
+    config: FixedLagAssociationConfig, step_s: float, max_age_s: float
+) -> FixedLagAssociationConfig:
+    """Return the settings for a step of that length: long steps cover longer distances.
+
+    Beyond `REFERENCE_STEP_S`, lengths grow with the step: `gate_m` in proportion, the density per
+    square metre with the inverse square. A step counts at most `max_age_s`, for which tracks live.
+    """
+    scale = min(step_s, max_age_s) / REFERENCE_STEP_S
+    if scale <= 1.0:
+        return config
+    changes = {
+        "gate_m": config.gate_m * scale,
+        "clutter_density_per_m2": config.clutter_density_per_m2 / scale**2,
+    }
+    return config.model_copy(update=changes)
 
 
 def associate_clusters(

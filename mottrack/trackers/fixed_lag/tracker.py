@@ -17,6 +17,7 @@ from mottrack.trackers.fixed_lag.association import (
     Matches,
     PredictedTracks,
     SeenObjects,
+    adapted_to_step,
     associate_clusters,
 )
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
@@ -69,6 +70,8 @@ class FixedLagTracker:
         self._engine = make_engine(self.config)
         self._robust = RobustWeights(self.config.robust, self.config.missed_motion)
         self._tracks = TrackSlots()
+        self._association = self.config.association
+        """Settings adapted to the length of the present step."""
         self._stamp_ns: int | None = None
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
@@ -86,7 +89,10 @@ class FixedLagTracker:
         stamp_ns = as_stamp("stamp_ns", stamp_ns)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
+        step_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
+        max_age_s = self.config.track_management.max_age_s
+        self._association = adapted_to_step(self.config.association, step_s, max_age_s)
         predicted = self._predict(stamp_ns)
         objects, pairs = self._join_fragments(predicted, objects)
         measurements = measurements_of(objects, self.config.measurement)
@@ -188,7 +194,7 @@ class FixedLagTracker:
             self._tracks.label_numbers(objects.label)[rows],
             measurements.position_covariance_m2[rows],
         )
-        found = associate_clusters(tracks, seen, self.config.association)
+        found = associate_clusters(tracks, seen, self._association)
         return found._replace(track=free[found.track], object=rows[found.object])
 
     def _inflation_m2(self, slots: I64, stamp_ns: int) -> F64:
