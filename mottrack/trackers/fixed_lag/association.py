@@ -13,7 +13,6 @@ from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.fixed_lag.config import FixedLagAssociationConfig
 from mottrack.trackers.fixed_lag.engine import Estimate
 
-
 REFERENCE_STEP_S = 0.25
 """Longest step at which `gate_m` and `clutter_density_per_m2` hold as they are set.
 

@@ -102,7 +102,8 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
             raise InputError("lag_ns", lag_ns, "at least 0")
         self.model = model
         self.lag_ns = lag_ns
-        self._store = NodeStore(layout)
+        self.store = NodeStore(layout)
+        """The windows; engines write to them."""
         self._last_stamp_ns: int | None = None
         self._stamp_ns = np.zeros(0, np.int64)
         self._anchor_m = np.zeros((0, 2))
@@ -121,7 +122,7 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
         """
         if self._last_stamp_ns is not None and batch.stamp_ns <= self._last_stamp_ns:
             raise InputError("stamp_ns", batch.stamp_ns, f"later than {self._last_stamp_ns}")
-        conflict = self._store.live(batch.slot) == batch.birth
+        conflict = self.store.live(batch.slot) == batch.birth
         if conflict.any():
             first = int(np.argmax(conflict))
             state = "a free slot at a birth" if batch.birth[first] else "the slot of a live track"
@@ -138,13 +139,13 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
     def _append(self, batch: NodeBatch, dt_s: F64) -> Mask:
         born = batch.slot[batch.birth]
         self._anchor_m[born] = batch.position_m[batch.birth]
-        column = self._store.at(batch.slot, self._store.count[batch.slot])
+        column = self.store.at(batch.slot, self.store.count[batch.slot])
         prepared = self._prepare(batch, self._anchor_m[batch.slot], dt_s)
         advanced = self._advance(prepared, batch.slot, column)
         grown = batch.select(advanced)
         self._stamp_ns[grown.slot] = batch.stamp_ns
-        self._store.append(grown, dt_s[advanced])
-        self._store.drop_before(grown.slot, batch.stamp_ns - self.lag_ns)
+        self.store.append(grown, dt_s[advanced])
+        self.store.drop_before(grown.slot, batch.stamp_ns - self.lag_ns)
         return advanced
 
     def newest(self, slots: I64) -> Estimate:
@@ -160,16 +161,16 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
 
     def release(self, slot: int) -> None:
         """Delete a track and free its slot."""
-        self._store.clear(slot)
+        self.store.clear(slot)
 
     def live(self) -> I64:
         """Return the slots (N,) of all tracks, ascending."""
-        return np.flatnonzero(self._store.count)
+        return np.flatnonzero(self.store.count)
 
     def smooth(self, slot: int, covariance: bool = False) -> SmoothedWindow:
         """Return the whole window of one track, with covariances if `covariance` is set."""
-        window = self.recent(np.array([slot]), int(self._store.count[slot]))
-        stamps = self._store["stamp_ns"][slot, window.column[0]]
+        window = self.recent(np.array([slot]), int(self.store.count[slot]))
+        stamps = self.store["stamp_ns"][slot, window.column[0]]
         mean = self.smoothed(window)[0]
         mean[:, :2] += self._anchor_m[slot]
         spread = self._smoothed_covariance(slot, window.column[0]) if covariance else None
@@ -177,27 +178,27 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
 
     def recent(self, slots: I64, depth: int) -> Recent:
         """Return the newest `depth` nodes of live tracks (N,)."""
-        count = self._store.count[slots][:, None]
+        count = self.store.count[slots][:, None]
         number = count - depth + np.arange(depth)
-        column = self._store.at(slots[:, None], np.maximum(number, 0))
+        column = self.store.at(slots[:, None], np.maximum(number, 0))
         there = number >= 0
-        birth = self._store["birth"][slots[:, None], column]
+        birth = self.store["birth"][slots[:, None], column]
         return Recent(slots, column, there, there & (birth | (number > 0)))
 
     def innovation(self, recent: Recent) -> F64:
         """Return the normalised innovations (N, D, 2) of position and velocity; 0 without node."""
-        found = self._store["innovation"][recent.slots[:, None], recent.column]
+        found = self.store["innovation"][recent.slots[:, None], recent.column]
         return np.where(recent.there[:, :, None], found, 0.0)
 
     def weight(self, recent: Recent) -> F64:
         """Return the robust weights (N, D, 2) of position and velocity."""
-        return self._store["weight"][recent.slots[:, None], recent.column]
+        return self.store["weight"][recent.slots[:, None], recent.column]
 
     def history(self, recent: Recent) -> History:
         """Return what was measured at these nodes."""
         slots = recent.slots[:, None]
-        found = self._store.fields(slots, recent.column)
-        stamp_ns = self._store["stamp_ns"][slots, recent.column]
+        found = self.store.fields(slots, recent.column)
+        stamp_ns = self.store["stamp_ns"][slots, recent.column]
         has = found["has_velocity"] & recent.there
         there, seen = recent.there[:, :, None, None], has[:, :, None, None]
         return History(
@@ -216,14 +217,14 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
 
         Nodes before a track's first new weight are not affected.
         """
-        before = self._store.rows(recent.slots)
+        before = self.store.rows(recent.slots)
         newest = self._mean[recent.slots], self._covariance[recent.slots]
         sound = np.ones(len(recent.slots), np.bool_)
         anew = np.arange(weight.shape[1]) >= first[:, None]
         slots = np.repeat(recent.slots, anew.sum(axis=1))
-        self._store["weight"][slots, recent.column[anew]] = weight[anew]
-        fields = self._store.fields(slots, recent.column[anew])
-        dt_s = self._store["dt_s"][slots, recent.column[anew]]
+        self.store["weight"][slots, recent.column[anew]] = weight[anew]
+        fields = self.store.fields(slots, recent.column[anew])
+        dt_s = self.store["dt_s"][slots, recent.column[anew]]
         nodes = NodeBatch(stamp_ns=0, slot=np.arange(len(slots)), **fields)
         prepared = self._prepare(nodes, self._anchor_m[slots], dt_s)
         place = np.cumsum(anew).reshape(anew.shape) - 1
@@ -232,7 +233,7 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
             some = prepared.select(place[rows, depth])
             sound[rows] = self._advance(some, recent.slots[rows], recent.column[rows, depth])
         failed = recent.slots[~sound]
-        self._store.restore(failed, {name: rows[~sound] for name, rows in before.items()})
+        self.store.restore(failed, {name: rows[~sound] for name, rows in before.items()})
         self._mean[failed], self._covariance[failed] = newest[0][~sound], newest[1][~sound]
 
     def _since(self, slots: I64, stamp_ns: int) -> F64:
@@ -240,8 +241,8 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
         return np.asarray((stamp_ns - self._stamp_ns[slots]) * 1e-9, np.float64)
 
     def _reserve(self, slots: I64) -> None:
-        self._store.reserve(slots)
-        extra = len(self._store.count) - len(self._stamp_ns)
+        self.store.reserve(slots)
+        extra = len(self.store.count) - len(self._stamp_ns)
         if extra:
             self._stamp_ns = np.append(self._stamp_ns, np.zeros(extra, np.int64))
             self._anchor_m = np.concatenate([self._anchor_m, np.zeros((extra, 2))])

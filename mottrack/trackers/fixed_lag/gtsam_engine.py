@@ -71,12 +71,12 @@ class GtsamEngine(FixedLagEngine[WhitenedRows]):
         return whiten(batch, anchor_m, dt_s, self.model)
 
     def _advance(self, nodes: WhitenedRows, slots: I64, column: I64) -> Mask:
-        previous = self._store.before(column)
-        number = np.where(nodes.birth, 0, self._store["number"][slots, previous] + 1)
+        previous = self.store.before(column)
+        number = np.where(nodes.birth, 0, self.store["number"][slots, previous] + 1)
         keys = (slots << _INDEX_BITS) + number
         good = np.ones(len(slots), np.bool_)
         while good.any():
-            roots = self._store["root"][slots[good], previous[good]]
+            roots = self.store["root"][slots[good], previous[good]]
             graph = self._frame_graph(nodes.select(good), roots, keys[good])
             try:
                 found = self._eliminate(graph, keys[good], nodes.birth[good])
@@ -91,9 +91,9 @@ class GtsamEngine(FixedLagEngine[WhitenedRows]):
         else:
             return good
         old, kept = good & ~nodes.birth, slots[good]
-        self._store["conditional"][slots[old], previous[old]] = found.conditionals
-        self._store["root"][kept, column[good]] = roots
-        self._store["number"][kept, column[good]] = number[good]
+        self.store["conditional"][slots[old], previous[old]] = found.conditionals
+        self.store["root"][kept, column[good]] = roots
+        self.store["number"][kept, column[good]] = number[good]
         self._mean[kept], self._covariance[kept] = mean, covariance
         return good
 
@@ -114,13 +114,13 @@ class GtsamEngine(FixedLagEngine[WhitenedRows]):
     def smoothed(self, recent: Recent) -> F64:
         """Return means (N, D, 6) by back-substitution through the Bayes net of the conditionals."""
         net, keys = gtsam.GaussianBayesNet(), []
-        numbers = (recent.slots << _INDEX_BITS)[:, None] + self._store["number"][
+        numbers = (recent.slots << _INDEX_BITS)[:, None] + self.store["number"][
             recent.slots[:, None], recent.column
         ]
-        roots = self._store["root"][recent.slots, recent.column[:, -1]]
+        roots = self.store["root"][recent.slots, recent.column[:, -1]]
         for row, slot in enumerate(recent.slots.tolist()):
             there = recent.there[row]
-            for conditional in self._store["conditional"][slot, recent.column[row, there][:-1]]:
+            for conditional in self.store["conditional"][slot, recent.column[row, there][:-1]]:
                 net.push_back(conditional)
             own = numbers[row, there].tolist()
             net.push_back(gtsam.GaussianConditional(own[-1], roots[row, :, 6], roots[row, :, :6]))
@@ -134,7 +134,7 @@ class GtsamEngine(FixedLagEngine[WhitenedRows]):
         spread = np.empty((len(column), 6, 6))
         spread[-1] = self._covariance[slot]
         for k in range(len(column) - 2, -1, -1):
-            jacobian = self._store["conditional"][slot, column[k]].augmentedJacobianUnweighted()
+            jacobian = self.store["conditional"][slot, column[k]].augmentedJacobianUnweighted()
             inverse = np.linalg.inv(jacobian[:, :6])
             gain = inverse @ jacobian[:, 6:12]
             spread[k] = inverse @ inverse.T + gain @ spread[k + 1] @ gain.T

@@ -23,6 +23,7 @@ from mottrack.core.motion import VelocityMeasurement, concatenate_velocities
 from mottrack.core.objects import Objects
 from mottrack.geometry.hulls import hulls_of_groups
 from mottrack.geometry.polygon import clip_area, polygon_area
+from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.fixed_lag.config import MergeSplitConfig
 
 SMALLEST_AREA_M2 = 1e-6
@@ -94,8 +95,11 @@ def no_overlaps(tracks: int, objects: int) -> Overlaps:
 def overlaps(tracks: HullList, objects: HullList) -> Overlaps:
     """Return all overlapping pairs of two sets of hulls in one frame."""
     one, other = _extents(tracks), _extents(objects)
-    touch = (one.low_m[:, None] <= other.high_m) & (other.low_m <= one.high_m[:, None])
-    track, found = np.nonzero(touch.all(axis=2))
+    reach_m = other.half_m + one.half_m.max(axis=0, initial=0.0)
+    track, found = candidate_pairs(one.middle_m, other.middle_m, reach_m)
+    apart_m = np.abs(one.middle_m[track] - other.middle_m[found])
+    touch = (apart_m <= one.half_m[track] + other.half_m[found]).all(axis=1)
+    track, found = track[touch], found[touch]
     area = _shared_area(tracks, objects, (track, found))
     kept = area > 0.0
     return Overlaps(track[kept], found[kept], area[kept], one.area_m2, other.area_m2)
@@ -104,10 +108,10 @@ def overlaps(tracks: HullList, objects: HullList) -> Overlaps:
 class _Extents(NamedTuple):
     """Bounds and areas of N hulls."""
 
-    low_m: F64
-    """(N, 2)"""
-    high_m: F64
-    """(N, 2)"""
+    middle_m: F64
+    """(N, 2) of the bounds along x and y."""
+    half_m: F64
+    """(N, 2) half the distance between the bounds."""
     area_m2: F64
     """(N,) at least `SMALLEST_AREA_M2`."""
 
@@ -120,14 +124,16 @@ def _extents(hulls: HullList) -> _Extents:
     following[hulls.start[1:] - 1] = first
     x, y = (corner - np.repeat(corner[first], np.diff(hulls.start), axis=0)).T
     twice = np.add.reduceat(x * y[following] - y * x[following], first)
-    return _Extents(low, high, np.maximum(0.5 * np.abs(twice), SMALLEST_AREA_M2))
+    return _Extents(
+        0.5 * (low + high), 0.5 * (high - low), np.maximum(0.5 * np.abs(twice), SMALLEST_AREA_M2)
+    )
 
 
 @compiled
 def _shared_area(one: HullList, other: HullList, pairs: tuple[I64, I64]) -> F64:
     """Return the area (P,) shared by the hulls of each pair.
 
-    Compiled: shapely takes several times longer, of which half is making its polygons
+    Compiled: 300 tracks and objects take 0.5 ms, with shapely 13 ms
     (`benchmarks/polygons.py`).
     """
     area = np.zeros(len(pairs[0]))

@@ -57,11 +57,11 @@ class NumpyEngine(FixedLagEngine[Step]):
         return Step(batch, anchor_m, dt_s)
 
     def _advance(self, nodes: Step, slots: I64, column: I64) -> Mask:
-        before = self._store.before(column)
-        mean, covariance = (self._store[name][slots, before] for name in ("mean", "covariance"))
+        before = self.store.before(column)
+        mean, covariance = (self.store[name][slots, before] for name in ("mean", "covariance"))
         found = self._filter(nodes, mean, covariance)
         for name, array in found._asdict().items():
-            self._store[name][slots, column] = array
+            self.store[name][slots, column] = array
         self._mean[slots], self._covariance[slots] = found.mean, found.covariance
         return np.ones(len(slots), np.bool_)
 
@@ -91,18 +91,18 @@ class NumpyEngine(FixedLagEngine[Step]):
     def smoothed(self, recent: Recent) -> F64:
         """Return means (N, D, 6) by the backward recursion; see `FixedLagEngine.smoothed`."""
         slots, column = recent.slots, recent.column
-        mean: F64 = self._store["mean"][slots[:, None], column]
+        mean: F64 = self.store["mean"][slots[:, None], column]
         for k in range(column.shape[1] - 2, -1, -1):
-            gain = self._store["gain"][slots, column[:, k + 1]]
-            off = mean[:, k + 1] - self._store["predicted_mean"][slots, column[:, k + 1]]
+            gain = self.store["gain"][slots, column[:, k + 1]]
+            off = mean[:, k + 1] - self.store["predicted_mean"][slots, column[:, k + 1]]
             mean[:, k] += np.einsum("nij,nj->ni", gain, off)
         return mean
 
     def _smoothed_covariance(self, slot: int, column: I64) -> F64:
-        spread: F64 = self._store["covariance"][slot, column]
+        spread: F64 = self.store["covariance"][slot, column]
         for k in range(len(column) - 2, -1, -1):
-            gain = self._store["gain"][slot, column[k + 1]]
-            change = spread[k + 1] - self._store["predicted_covariance"][slot, column[k + 1]]
+            gain = self.store["gain"][slot, column[k + 1]]
+            change = spread[k + 1] - self.store["predicted_covariance"][slot, column[k + 1]]
             spread[k] += gain @ change @ gain.T
         return spread
 

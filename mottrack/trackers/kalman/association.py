@@ -69,9 +69,7 @@ def associate(
 
 def others(count: int, chosen: I64) -> I64:
     """Return the numbers below `count` that are not among the chosen, sorted."""
-    free = np.ones(count, bool)
-    free[chosen] = False
-    return np.flatnonzero(free)
+    return np.setdiff1d(np.arange(count), chosen)
 
 
 def _match(
@@ -126,7 +124,7 @@ def _mahalanobis_cost(
     """
     first, end = COMPARED[config.components]
     compared = Compared(first, end, _velocity_limit(config))
-    squared, nll = pair_terms(pairs, _observed(seen), _expected(tracks), compared)
+    squared, nll = pair_terms(pairs, *_kernel_arguments(seen, tracks), compared)
     distance = np.sqrt(squared)
     if config.float32:
         distance = distance.astype(np.float32).astype(np.float64)
@@ -147,32 +145,18 @@ def _velocity_limit(config: AssociationConfig) -> float:
 def innovation_squared(seen: Detections, tracks: Predicted, pairs: Pairs) -> F64:
     """Return the NIS of the box, r' S^-1 r (P,) over all seven numbers, to test consistency."""
     compared = Compared(*COMPARED["box"], -1.0)
-    return pair_terms(pairs, _observed(seen), _expected(tracks), compared)[0]
+    return pair_terms(pairs, *_kernel_arguments(seen, tracks), compared)[0]
 
 
-def _observed(seen: Detections) -> Observed:
-    return Observed(
-        seen.box,
-        seen.xy_covariance,
-        seen.z_yaw_size_variance,
-        seen.velocity,
-        seen.velocity_covariance,
-        seen.has_velocity,
-        seen.outlier_likelihood,
-        seen.clutter_likelihood,
-    )
-
-
-def _expected(tracks: Predicted) -> Expected:
-    return Expected(
-        np.ascontiguousarray(tracks.mean),
-        np.ascontiguousarray(tracks.xy_velocity_covariance),
-        np.ascontiguousarray(tracks.z_yaw_size_variance),
-    )
+def _kernel_arguments(seen: Detections, tracks: Predicted) -> tuple[Observed, Expected]:
+    observed = Observed(*(getattr(seen, name) for name in Observed._fields))
+    # compiled for contiguous arrays alone
+    expected = (np.ascontiguousarray(getattr(tracks, name)) for name in Expected._fields)
+    return observed, Expected(*expected)
 
 
 def _centre_cost(
-    seen: Detections, tracks: Predicted, pairs: Pairs, config: AssociationConfig
+    seen: Detections, tracks: Predicted, pairs: Pairs, _config: AssociationConfig
 ) -> tuple[F64, F64]:
     """Return the distance of the centres in metres, twice."""
     distance = centre_distance_m(seen.box[:, :2], tracks.mean[:, :2], pairs)

@@ -32,13 +32,7 @@ class NoiseRows:
 
     def select(self, index: NDArray[Any]) -> NoiseRows:
         """Return the rows that a mask or an index picks."""
-        return NoiseRows(
-            self.observation[index],
-            self.lateral_ratio[index],
-            self.longitudinal_ratio[index],
-            self.initial[index],
-            self.process[index],
-        )
+        return NoiseRows(*(getattr(self, name)[index] for name in self.__slots__))
 
 
 class NoiseTable:

@@ -77,7 +77,10 @@ class KalmanTracker:
         is_published = management.is_published(tracks, seen.label, stamp_ns)
         published = self._published(is_published, stamp_ns, unit_s)
         published = self._hulls.add_to(published, tracks, objects)
-        self._delete(~management.alive(tracks, stamp_ns))
+        alive = management.alive(tracks, stamp_ns)
+        if not alive.all():
+            self._bank.keep(alive)
+            tracks.keep(alive)
         return published
 
     def finish(self, steps: list[Tracks]) -> list[Tracks]:
@@ -184,8 +187,3 @@ class KalmanTracker:
             covariance=covariance,
             observed=tracks.source[chosen] >= 0,
         )
-
-    def _delete(self, dead: Mask) -> None:
-        if dead.any():
-            self._bank.keep(~dead)
-            self._tracks.keep(~dead)

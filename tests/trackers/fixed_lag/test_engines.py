@@ -160,7 +160,7 @@ def test_a_bad_track_costs_only_itself(engine: FixedLagEngine, spoil: object) ->
 def test_a_singular_chain_is_dropped_and_the_frame_retried() -> None:
     engine = GtsamEngine(NOISE, 1_000_000_000)
     engine.step(batch_of(10**9, [[0, 0], [5, 0], [9, 0]], True))
-    engine._store["root"][1, 0] = np.eye(6, 7) * [1, 1, 0, 0, 0, 0, 0]  # a position, no prior
+    engine.store["root"][1, 0] = np.eye(6, 7) * [1, 1, 0, 0, 0, 0, 0]  # a position, no prior
     weak = batch_of(11 * 10**8, [[1, 0], [6, 0], [10, 0]], False)
     taken = engine.step(weak)
     assert taken.tolist() == [True, False, True]
