@@ -43,11 +43,6 @@ def process_noise(dt_s: F64, model: MotionModelConfig) -> F64:
     return matrix
 
 
-def square_root_information(covariance: F64) -> F64:
-    """Return lower triangular `W` with `W^T W = C^-1` for each covariance (N, D, D)."""
-    return np.linalg.inv(np.linalg.cholesky(covariance))
-
-
 def predict(mean: F64, covariance: F64, dt_s: F64, model: MotionModelConfig) -> tuple[F64, F64]:
     """Return state (N, 6) and covariance (N, 6, 6) after `dt_s` (N,) of constant acceleration."""
     step = transition(dt_s)

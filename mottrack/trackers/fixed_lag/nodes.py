@@ -13,7 +13,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.geometry.two_by_two import is_covariance_2x2, root_information_2x2
 from mottrack.trackers.fixed_lag.config import MeasurementConfig, MotionModelConfig
-from mottrack.trackers.fixed_lag.motion import process_noise, square_root_information, transition
+from mottrack.trackers.fixed_lag.motion import process_noise, transition
 
 MIN_STEP_S = 1e-3
 """Shorter steps make Q(dt) singular in double precision."""
@@ -134,7 +134,7 @@ def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, model: MotionModelConfig)
     target = np.zeros((count, 10))
     # most tracks were last seen in the same frame: few steps differ. Births ignore theirs (0.1 s)
     step_s, which = np.unique(np.where(batch.birth, 0.1, dt_s), return_inverse=True)
-    root = square_root_information(process_noise(step_s, model))
+    root = np.linalg.inv(np.linalg.cholesky(process_noise(step_s, model)))
     previous[:, :6] = (-root @ transition(step_s))[which]
     current[:, :6] = root[which]
     previous[batch.birth] = 0.0

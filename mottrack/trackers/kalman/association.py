@@ -62,14 +62,9 @@ def associate(
     strong = seen.score >= second.score
     sure, unsure = np.flatnonzero(strong), np.flatnonzero(~strong)
     rows, columns = _match(seen.select(sure), tracks, config.association, labels)
-    left = others(len(tracks.mean), rows)
+    left = np.setdiff1d(np.arange(len(tracks.mean)), rows)
     more = _match(seen.select(unsure), tracks.select(left), second.association, labels)
     return _sorted((np.append(rows, left[more[0]]), np.append(sure[columns], unsure[more[1]])))
-
-
-def others(count: int, chosen: I64) -> I64:
-    """Return the numbers below `count` that are not among the chosen, sorted."""
-    return np.setdiff1d(np.arange(count), chosen)
 
 
 def _match(

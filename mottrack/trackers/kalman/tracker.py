@@ -15,7 +15,6 @@ from mottrack.trackers.kalman.association import (
     associate,
     heading_residual,
     innovation_squared,
-    others,
 )
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.config import KalmanConfig
@@ -73,7 +72,7 @@ class KalmanTracker:
         rows, columns = self._associate(seen, np.flatnonzero(active))
         self._update(rows, columns, seen)
         record_hits(tracks, rows, seen.score[columns], seen.source[columns], stamp_ns)
-        self._initiate(others(len(seen), columns), seen, stamp_ns)
+        self._initiate(np.setdiff1d(np.arange(len(seen)), columns), seen, stamp_ns)
         is_published = management.is_published(tracks, seen.label, stamp_ns)
         published = self._published(is_published, stamp_ns, unit_s)
         published = self._hulls.add_to(published, tracks, objects)
