@@ -20,16 +20,16 @@ import numpy as np
 import onnxruntime
 import torch
 from _common import arguments, report
-
-from mottrack.core.grid import BevGrid
-from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.descriptors import CellGrid
-from mottrack.flow.pillarflow.export import INPUTS, export_onnx
 from mottrack.flow.pillarflow.inference.engine import CpuEngine
-from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.presets import preset
 from mottrack.flow.pillarflow.raster import network_cells
 from mottrack.flow.pillarflow.threads import use_threads
+
+from mottrack.core.grid import BevGrid
+from mottrack.flow.pillarflow.calibration import Calibration
+from mottrack.flow.pillarflow.export import INPUTS, export_onnx
+from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.weights_file import Weights
 
 

@@ -1,4 +1,4 @@
-"""Torch keeps the threads it was given, whoever starts numba's."""
+"""The number of torch's threads survives the start of numba's."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 SCRIPT = """
 import numba, torch
 from mottrack.flow.pillarflow.cost_volume import cost_volume
-from mottrack.flow.pillarflow.threads import use_threads
+from mottrack.flow.pillarflow.engine import use_threads
 use_threads({count})
 before = torch.get_num_threads()
 cost_volume(torch.ones(1, 4, 8, 8), torch.ones(1, 4, 8, 8), 1)

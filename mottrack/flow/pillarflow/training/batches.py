@@ -10,12 +10,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from mottrack.flow.pillarflow.descriptors import CellGrid
-from mottrack.flow.pillarflow.network import SweepPair
-from mottrack.flow.pillarflow.pillar_net import Points
-from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, augmented
-from mottrack.flow.pillarflow.training.crop import Crop, CropConfig, crop_centre, cut, turn
-from mottrack.flow.pillarflow.training.example import Example
+from mottrack.flow.pillarflow.network import NetworkInput, PointBatch
+from mottrack.flow.pillarflow.pillars import CellGrid, DescribedPoints
+from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, augment
+from mottrack.flow.pillarflow.training.crop import (
+    NO_ROTATION,
+    Crop,
+    CropConfig,
+    crop_centre,
+    cut,
+    random_rotation,
+)
+from mottrack.flow.pillarflow.training.examples import Example
 from mottrack.flow.pillarflow.training.losses import Target
 
 
@@ -23,10 +29,8 @@ from mottrack.flow.pillarflow.training.losses import Target
 class Batch:
     """Input and truth of one step."""
 
-    pair: SweepPair
-    """What the network sees."""
+    pair: NetworkInput
     target: Target
-    """What it should say."""
 
     def to(self, device: torch.device) -> Batch:
         """Copy to a device."""
@@ -38,41 +42,37 @@ class Sampler:
     """Draws crops from examples."""
 
     examples: Sequence[Example]
-    """Where to draw from."""
     cell_m: float
     """Edge of a pillar."""
     crop: CropConfig
-    """What to cut out."""
     augmentation: AugmentationConfig
-    """How to change it."""
     seed: int
     """Of the whole stream."""
 
     def draw(self, step: int, row: int) -> Crop:
-        """Row `row` of step `step`: always the same one."""
+        """Draw row `row` of step `step`: a function of the seed and these two alone."""
         rng = np.random.default_rng((self.seed, step, row))
         example = self.examples[int(rng.integers(len(self.examples)))]
-        example = augmented(example, self.augmentation, rng)
-        turned = turn(rng) if self.augmentation.rotate else np.eye(2, dtype=np.float32)
-        corner = turned @ crop_centre(example, self.crop, rng) - self.crop.size_m / 2
+        example = augment(example, self.augmentation, rng)
+        rotation = random_rotation(rng) if self.augmentation.rotate else NO_ROTATION
+        corner = rotation @ crop_centre(example, self.crop, rng) - self.crop.size_m / 2
         side = round(self.crop.size_m / self.cell_m)
         cells = CellGrid(float(corner[0]), float(corner[1]), self.cell_m, side, side)
-        crop = cut(example, cells, turned, self.crop)
-        if rng.random() < self.augmentation.blind_share:
+        crop = cut(example, cells, rotation, self.crop)
+        if rng.random() < self.augmentation.no_visibility_share:
             crop = replace(crop, seen=np.zeros_like(crop.seen))
         return crop
 
     def batch(self, step: int, size: int, first: int = 0) -> Batch:
-        """Rows `first` to `first + size` of a step."""
+        """Draw rows `first` to `first + size` of a step."""
         return collate([self.draw(step, first + row) for row in range(size)])
 
 
 def collate(crops: list[Crop]) -> Batch:
     """Join crops of one size into a batch."""
-    shape = (len(crops), *crops[0].mask.shape[1:])
-    pair = SweepPair(
-        current=_joined([crop.current for crop in crops], shape),
-        previous=_joined([crop.previous for crop in crops], shape),
+    pair = NetworkInput(
+        current=_joined([crop.current for crop in crops], crops[0]),
+        previous=_joined([crop.previous for crop in crops], crops[0]),
         visibility=torch.from_numpy(np.stack([crop.seen for crop in crops])),
     )
     target = Target(
@@ -83,22 +83,25 @@ def collate(crops: list[Crop]) -> Batch:
     return Batch(pair, target)
 
 
-def _joined(parts: list[tuple[np.ndarray, np.ndarray]], shape: tuple[int, int, int]) -> Points:
-    area = shape[1] * shape[2]
-    descriptors = np.concatenate([part[0] for part in parts])
-    cells = np.concatenate([part[1] + row * area for row, part in enumerate(parts)])
-    return Points(torch.from_numpy(descriptors), torch.from_numpy(cells), shape)
+def _joined(sweeps: list[DescribedPoints], crop: Crop) -> PointBatch:
+    """Join the points of several sweeps, each on a grid of the size of `crop`."""
+    _, rows, columns = crop.mask.shape
+    descriptors = np.concatenate([one.descriptors for one in sweeps])
+    cells = np.concatenate([one.cells + i * rows * columns for i, one in enumerate(sweeps)])
+    return PointBatch(
+        torch.from_numpy(descriptors), torch.from_numpy(cells), len(sweeps), rows, columns
+    )
 
 
 def stream(
     sampler: Sampler, steps: range, size: int, *, first: int = 0, workers: int = 1
 ) -> Iterator[Batch]:
-    """Batches of `steps`, made ahead by threads (the loops release the interpreter's lock)."""
+    """Yield the batches of `steps`, made ahead by threads (the loops release the GIL)."""
     with ThreadPoolExecutor(max_workers=workers) as pool:
         waiting: deque[Future[Batch]] = deque()
         for step in steps:
             waiting.append(pool.submit(sampler.batch, step, size, first))
-            if len(waiting) > 2 * workers:
+            if len(waiting) > 2 * workers:  # one in work and one ready for each thread
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
