@@ -1,7 +1,7 @@
 """Real LiDAR with known flow: consecutive sweeps and the true velocity of each occupied cell.
 
-PandaSet-002 is in the Argoverse 2 sensor layout, KITTI 0000 in packed sweeps; both are read from
-the shared data folder and are no part of the project.
+PandaSet-002 is in the Argoverse 2 sensor layout, KITTI 0000 in packed sweeps; both lie in the
+shared data folder and are no part of the project.
 """
 
 from __future__ import annotations
@@ -10,23 +10,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow.feather
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.datasets.argoverse2.config import Argoverse2Config
+from mottrack.datasets.argoverse2.dataset import Argoverse2
+from mottrack.datasets.kitti.config import KittiConfig
+from mottrack.datasets.kitti.dataset import Kitti
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
 from mottrack.lidar.in_boxes import points_in_boxes
 
 MARGIN_M = 0.15
+"""Annotated boxes are tight and a few centimetres off; their surface points lie within this."""
 STATIC_BELOW_MPS = 0.4
+"""A slower object is at rest: annotated centres jitter by some centimetres in half a second."""
 HALF_WINDOW = 4
+"""Frames on either side over which an object's mean speed is taken: 0.8 s at 10 Hz."""
 KITTI_VIEW_RAD = np.radians(38.0)
-PANDAR_ORIGIN_M = np.array([1.5, 0.0, 1.95])
-"""Where the beams of this recording meet, from the sharpness of their elevations."""
+"""KITTI annotates what its camera sees, about 40 degrees to either side."""
+PANDAR_ORIGIN_M = (1.5, 0.0, 1.95)
+"""Optical centre of this recording, estimated from the sharpness of its beams' elevations."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,7 @@ class Drive:
     """Objects are annotated within this angle of straight ahead."""
 
     def frame(self, index: int) -> Frame:
-        """The frame that a flow source observes."""
+        """Return the frame that a flow source observes."""
         sweep = self.sweeps[index]
         return Frame(sweep.stamp_ns, sweep.world_T_ego, truth=self.truth[index])
 
@@ -50,19 +57,19 @@ class Drive:
 class CellTruth:
     """Truth on the occupied cells of one sweep."""
 
-    rows: NDArray[np.int64]
-    cols: NDArray[np.int64]
-    velocity_mps: NDArray[np.float64]
+    rows: I64
+    cols: I64
+    velocity_mps: F64
     """(C, 2) over the ground, current ego axes."""
-    object_of: NDArray[np.int64]
+    object_of: I64
     """(C,) row of the object in the sweep's truth, -1 for background."""
 
 
 def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
-    """Rigid motion of the grown boxes since the sweep before, on cells that hold their points.
+    """Return the rigid motion of the boxes since the sweep before, on cells that hold their points.
 
     A cell belongs to an object if most of its points do; the velocity is that of the mean of
-    those points, turn included. Objects whose mean speed over nine frames is under 0.4 m/s rest.
+    those points, rotation included. Objects slower than `STATIC_BELOW_MPS` rest.
     """
     sweep, truth = drive.sweeps[index], drive.truth[index]
     kept, _ = keep_points(sweep, GroundStage())
@@ -91,10 +98,8 @@ def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
     )
 
 
-def _point_velocities(
-    drive: Drive, index: int, xyz_m: NDArray[np.float64], object_of: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Velocity of each point by its box's rigid motion, and whether it is known."""
+def _point_velocities(drive: Drive, index: int, xyz_m: F64, object_of: I64) -> tuple[F64, Mask]:
+    """Return each point's velocity by its box's rigid motion, and whether it is known."""
     sweep, truth, before = drive.sweeps[index], drive.truth[index], drive.truth[index - 1]
     elapsed_s = seconds_between(before.stamp_ns, truth.stamp_ns)
     rotation = sweep.world_T_ego.inverse().rotation
@@ -117,7 +122,7 @@ def _point_velocities(
 
 
 def _mean_speed(drive: Drive, index: int, identity: int) -> float:
-    """Speed between the first and the last sighting within four frames either way."""
+    """Return the speed between the first and the last sighting within `HALF_WINDOW`."""
     seen = [
         (truth.stamp_ns, truth.centre_m[truth.id == identity][0])
         for truth in drive.truth[max(index - HALF_WINDOW, 0) : index + HALF_WINDOW + 1]
@@ -138,7 +143,7 @@ def read_pandaset(folder: Path) -> Drive:
         require_sweeps=True,
         lidar_origin_m=PANDAR_ORIGIN_M,
     )
-    scene = Argoverse2Dataset(config).scene(folder.name)
+    scene = Argoverse2(config).scene(folder.name)
     indices = range(len(scene))
     truth = [scene.frame(i).truth for i in indices]
     return Drive("PandaSet-002", [scene.sweep(i) for i in indices], truth, np.pi)
@@ -147,7 +152,7 @@ def read_pandaset(folder: Path) -> Drive:
 def read_kitti(folder: Path, sequence: str = "0000") -> Drive:
     """Read a KITTI tracking sequence with packed sweeps."""
     config = KittiConfig(root=folder, scenes=(sequence,), poses="poses", detections=None)
-    scene = KittiDataset(config).scene(sequence)
+    scene = Kitti(config).scene(sequence)
     sweeps, truth = [], []
     for path in sorted((folder / "velodyne_packed" / sequence).glob("*.npz")):
         frame = scene.frame(int(path.stem))
