@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,8 +37,8 @@ def train(
 ) -> None:
     """Train a PillarFlow network; under torchrun on all its processes."""
     from mottrack.cli.work_bar import WorkBar
-    from mottrack.flow.pillarflow.training.run import run
     from mottrack.flow.pillarflow.training.shards import Shards
+    from mottrack.flow.pillarflow.training.trainer import run
 
     settings = _read(config, overrides or [])
     folder = _examples(settings.examples, examples)
@@ -45,7 +46,7 @@ def train(
     with WorkBar("train", settings.steps) as bar:
         scores = run(settings, out, training, held_out, bar.training)
     if scores is not None:
-        for name, value in scores.as_dict().items():
+        for name, value in asdict(scores).items():
             typer.echo(f"{name:20} {value:.3f}")
 
 
@@ -87,7 +88,7 @@ def calibrate(
     fit = study.calibration
     typer.echo(f"scale {fit.scale:.4g}  sigma {fit.sigma_m:.3g} m  half {fit.half_m:.3g} m")
     typer.echo(f"{'':20} before   after")
-    before, after = study.before.as_dict(), study.after.as_dict()
+    before, after = asdict(study.before), asdict(study.after)
     for name, value in after.items():
         typer.echo(f"{name:20} {before[name]:6.3f}  {value:6.3f}")
 

@@ -22,8 +22,12 @@ from mottrack.core.sweep import seconds_between
 from mottrack.experiment.plugins import load_part
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
-from mottrack.flow.pillarflow.training.examples import ExampleBuilder, LabelledPair, Labels
-from mottrack.flow.pillarflow.training.labels import labels_from_tracks
+from mottrack.flow.pillarflow.training.examples import (
+    ExampleBuilder,
+    LabelledPair,
+    Labels,
+    labels_from_tracks,
+)
 from mottrack.flow.pillarflow.training.shards import write_shard
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
 
@@ -125,7 +129,7 @@ def world_pair(seed: int, index: int, settings: dict[str, Any]) -> LabelledPair:
 
 
 def _world_labels(pair: TrainingPair) -> Labels:
-    """Number the objects from 0; each has the mean of its points as its centre."""
+    """Return the labels: objects are numbered from 0, their centres are means of their points."""
     then, now = pair.previous_truth, pair.current_truth
     ids = np.unique(now.object_id[now.object_id >= 0])
     elapsed_s = seconds_between(pair.previous.stamp_ns, pair.current.stamp_ns)

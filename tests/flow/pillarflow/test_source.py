@@ -29,7 +29,7 @@ from mottrack.flow.pillarflow.source import (
     PillarFlow,
     PillarFlowConfig,
 )
-from mottrack.flow.pillarflow.training.labels import labels_from_tracks
+from mottrack.flow.pillarflow.training.examples import labels_from_tracks
 from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights
 
 GRID = BevGrid(-16.0, 16.0, -12.0, 12.0, 0.25)

@@ -13,14 +13,18 @@ import torch
 from mottrack.core.errors import DataError
 from mottrack.flow.pillarflow.pillars import CellGrid
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scale_objects
-from mottrack.flow.pillarflow.training.batches import Sampler
+from mottrack.flow.pillarflow.training.batches import (
+    NO_ROTATION,
+    CropConfig,
+    Sampler,
+    cut,
+    random_rotation,
+)
 from mottrack.flow.pillarflow.training.config import ScheduleConfig, TrainConfig
-from mottrack.flow.pillarflow.training.crop import NO_ROTATION, CropConfig, cut, random_rotation
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
-from mottrack.flow.pillarflow.training.run import finish
 from mottrack.flow.pillarflow.training.shards import Shards, write_shard
-from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer
+from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish
 from mottrack.flow.pillarflow.weights_file import load_weights
 
 ALONE = RankInfo(0, 1, torch.device("cpu"))

@@ -1,4 +1,8 @@
-"""Batches as a pure function of (seed, step): resuming needs no state of the stream."""
+"""Crops of examples and batches of them, as a pure function of (seed, step).
+
+A crop is a rotated square cut out of an example: one row of a batch. Resuming needs no state of the
+stream, since a batch depends on the seed and the step alone.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +13,142 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.random import Generator
+from pydantic import Field
 
+from mottrack.compiled import compiled
+from mottrack.config import StrictModel
+from mottrack.core.arrays import F32, I64, Mask
 from mottrack.flow.pillarflow.network import NetworkInput, PointBatch
-from mottrack.flow.pillarflow.pillars import CellGrid, DescribedPoints
+from mottrack.flow.pillarflow.pillars import CellGrid, DescribedPoints, describe
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, augment
-from mottrack.flow.pillarflow.training.crop import (
-    NO_ROTATION,
-    Crop,
-    CropConfig,
-    crop_centre,
-    cut,
-    random_rotation,
-)
-from mottrack.flow.pillarflow.training.examples import Example
+from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import Target
+
+NO_ROTATION: F32 = np.eye(2, dtype=np.float32)
+
+
+class CropConfig(StrictModel):
+    """Size, place and labels of the crops."""
+
+    size_m: float = Field(32.0, gt=0, description="edge of the square [m]")
+    moving_share: float = Field(0.6, ge=0, le=1, description="share of crops at a moving object")
+    jitter_m: float = Field(8.0, ge=0, description="the square is off its point by up to this")
+    moving_mps: float = Field(0.5, gt=0, description="a point this fast is moving")
+    min_previous_points: int = Field(
+        5, ge=0, description="objects with fewer points in the previous sweep are masked"
+    )
+    min_current_points: int = Field(
+        3, ge=0, description="objects with fewer points in the current sweep are masked"
+    )
+
+
+@dataclass(frozen=True)
+class Crop:
+    """One row of a batch on `rows x columns` pillars."""
+
+    current: DescribedPoints
+    previous: DescribedPoints
+    seen: F32
+    """(4,rows,columns) unseen and seen-free shares of the current, then the previous sweep."""
+    motion_m: F32
+    """(2,rows,columns) target: mean displacement of the points of each cell (III-C)."""
+    mask: F32
+    """(1,rows,columns) 1 where the target counts."""
+    elapsed_s: float
+    """Time between the sweeps."""
+
+
+def crop_centre(example: Example, config: CropConfig, rng: Generator) -> F32:
+    """Draw a point (x, y) near a moving object, or near any point."""
+    rows = np.arange(len(example.current))
+    if rng.random() < config.moving_share:
+        rows = _moving_rows(example, config, rng, rows)
+    jitter = rng.uniform(-config.jitter_m, config.jitter_m, 2)
+    if not len(rows):
+        return jitter.astype(np.float32)
+    return (example.current[rng.choice(rows), :2] + jitter).astype(np.float32)
+
+
+def _moving_rows(example: Example, config: CropConfig, rng: Generator, otherwise: I64) -> I64:
+    """Draw one moving object, all equally likely however few points they have; its points."""
+    moving = np.linalg.norm(example.motion_m, axis=1) > config.moving_mps * example.elapsed_s
+    if not moving.any():
+        return otherwise
+    chosen = rng.choice(np.unique(example.current_object[moving]))
+    return np.flatnonzero(moving & (example.current_object == chosen))
+
+
+def random_rotation(rng: Generator) -> F32:
+    """Draw a rotation of the plane (2,2), mirrored every second time."""
+    angle = rng.uniform(0.0, 2.0 * np.pi)
+    c, s = np.cos(angle), np.sin(angle)
+    mirror = rng.choice((-1.0, 1.0))
+    return np.array([[c, -s * mirror], [s, c * mirror]], np.float32)
+
+
+def cut(example: Example, cells: CellGrid, rotation: F32, config: CropConfig) -> Crop:
+    """Return the part of an example, rotated about the vehicle by (2,2), that lies on `cells`."""
+    points = []
+    for sweep in (example.previous, example.current):
+        rotated = sweep.copy()
+        rotated[:, :2] = rotated[:, :2] @ rotation.T
+        points.append(describe(rotated, cells))
+    previous, current = points
+    counts = observable(example, previous.inside, current.inside, config)
+    motion_m = (example.motion_m @ rotation.T)[current.inside]
+    known = counts[example.current_object[current.inside]]
+    values = np.column_stack((motion_m, known)).astype(np.float32)
+    means, occupied = _cell_means(values, current.cells, cells.cells)
+    counted = occupied & (means[:, 2] > 0.5)  # most of a cell's points are of observable objects
+    shape = (cells.rows, cells.columns)
+    return Crop(
+        current=current,
+        previous=previous,
+        seen=_seen(example, cells, rotation),
+        motion_m=means[:, :2].T.reshape(2, *shape),
+        mask=counted.reshape(1, *shape).astype(np.float32),
+        elapsed_s=example.elapsed_s,
+    )
+
+
+def observable(example: Example, previous: Mask, current: Mask, config: CropConfig) -> F32:
+    """Return (K+1,) 1 for objects with enough points in both sweeps; the last is the background.
+
+    `previous` (N,) and `current` (M,) tell which points lie on the crop.
+    """
+    count = len(example.centre_m) + 1
+    then = np.bincount(example.previous_object[previous] + 1, minlength=count)[1:]
+    now = np.bincount(example.current_object[current] + 1, minlength=count)[1:]
+    enough = (then >= config.min_previous_points) & (now >= config.min_current_points)
+    return np.append(enough, True).astype(np.float32)
+
+
+def _seen(example: Example, cells: CellGrid, rotation: F32) -> F32:
+    """Sample the visibility rasters at the rotated cells; outside of them all is unseen."""
+    x = cells.x_min_m + (np.arange(cells.columns) + 0.5) * cells.cell_m
+    y = cells.y_min_m + (np.arange(cells.rows) + 0.5) * cells.cell_m
+    centres = np.stack(np.broadcast_arrays(x[None], y[:, None]), axis=-1).reshape(-1, 2) @ rotation
+    rows, columns, inside = EXAMPLE_GRID.cells(centres)
+    seen = example.seen[:, rows, columns].astype(np.float32) / 100
+    seen[:, ~inside] = np.array([1, 0, 1, 0], np.float32)[:, None]
+    return seen.reshape(4, cells.rows, cells.columns).astype(np.float32)
+
+
+@compiled(nogil=True)
+def _cell_means(values: F32, cells: I64, count: int) -> tuple[F32, Mask]:
+    """Average `values` (N,K) over the points of each cell: (count,K), and where there is any."""
+    sums = np.zeros((count, values.shape[1]), np.float32)
+    points = np.zeros(count, np.float32)
+    for i in range(len(cells)):
+        points[cells[i]] += 1.0
+        for k in range(values.shape[1]):
+            sums[cells[i], k] += values[i, k]
+    for cell in range(count):
+        if points[cell] > 0.0:
+            for k in range(values.shape[1]):
+                sums[cell, k] /= points[cell]
+    return sums, points > 0.0
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig
-from mottrack.flow.pillarflow.training.crop import CropConfig
+from mottrack.flow.pillarflow.training.batches import CropConfig
 from mottrack.flow.pillarflow.training.losses import LossConfig
 
 
@@ -73,7 +73,7 @@ class TrainConfig(StrictModel):
     batch_size: int = Field(8, ge=1, description="crops of a step and process")
     ema_decay: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights")
     seed: int = Field(0, ge=0, description="of the weights and the stream of crops")
-    precision: Literal["fp32", "bf16", "fp16"] = Field("fp32", description="of the convolutions")
+    precision: Literal["fp32", "bf16"] = Field("fp32", description="of the convolutions")
     threads: int = Field(0, ge=0, description="CPU threads; 0: torch's choice")
     loader_threads: int = Field(1, ge=1, description="threads that make batches ahead")
     log_every: int = Field(25, ge=1, description="steps to a point of the loss curve")

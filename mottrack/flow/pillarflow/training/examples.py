@@ -1,4 +1,10 @@
-"""Training examples: pairs of sweeps prepared as at inference, with the motion of every point."""
+"""Training examples: pairs of sweeps prepared as at inference, with the motion of every point.
+
+Labels come from the embedded world, or from annotated tracks (paper, section III-C): "We estimate
+the instantaneous velocity from the difference in object positions divided by the elapsed time
+between consecutive frames"; here with the change of heading too, so that the corners of a turning
+bus move as they do. Everything without a track has velocity zero.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +15,9 @@ import numpy as np
 from mottrack.core.arrays import F32, I16, I64, U8, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
-from mottrack.core.sweep import Sweep
+from mottrack.core.objects import Truth
+from mottrack.core.pose import rotation_2d
+from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.flow.pillarflow.pillars import (
     cell_of_centres,
     network_cells,
@@ -18,11 +26,14 @@ from mottrack.flow.pillarflow.pillars import (
 )
 from mottrack.flow.stages import Stages, StagesConfig
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.lidar.in_boxes import points_in_boxes
 
 EXAMPLE_GRID = BevGrid(cell_m=0.5)
 """The visibility rasters of an example lie on this grid."""
 HALF_WIDTH_M = 50.5
 """Points further off in x or y are left out: the grid's 50 m and one cell."""
+MARGIN_M = 0.15
+"""Annotated boxes are tight and a few centimetres off; their surface points lie within this."""
 
 
 @dataclass(frozen=True)
@@ -127,3 +138,41 @@ def _rows(sweep: Sweep) -> I64:
     if sweep.time_offset_ns is None:
         raise InputError("time_offset_ns", None, "row numbers that the stages kept")
     return sweep.time_offset_ns
+
+
+def labels_from_tracks(
+    previous: Sweep, current: Sweep, previous_truth: Truth, current_truth: Truth
+) -> Labels:
+    """Return the labels of two sweeps from the boxes at their stamps (any frame of `Truth`).
+
+    Objects without a box in both sweeps get a centre of their own but no velocity.
+    """
+    ego_T_world = current.world_T_ego.inverse()
+    then, now = (
+        boxes if boxes.frame == "ego" else boxes.transformed(ego_T_world, "ego")
+        for boxes in (previous_truth, current_truth)
+    )
+    rows_then, rows_now = (
+        points_in_boxes(
+            sweep.xyz_m, boxes.centre_m, boxes.size_m, boxes.yaw_rad, MARGIN_M
+        ).first_box(len(sweep))
+        for sweep, boxes in ((previous.seen_from(current), then), (current, now))
+    )
+    _, in_now, in_then = np.intersect1d(now.id, then.id, return_indices=True)
+    row_in_now = np.full(len(then) + 1, -1, np.int16)  # the last is for points on no box
+    row_in_now[in_then] = in_now
+    centre_m = np.stack([now.centre_m[:, :2]] * 2, axis=1)
+    centre_m[in_now, 0] = then.centre_m[in_then, :2]
+    motion_m = np.zeros((len(current), 2), np.float32)
+    for row, before in zip(in_now, in_then, strict=True):
+        on = rows_now == row
+        rotation = rotation_2d(float(then.yaw_rad[before] - now.yaw_rad[row]))
+        offset = current.xyz_m[on, :2] - now.centre_m[row, :2]
+        motion_m[on] = current.xyz_m[on, :2] - (offset @ rotation.T + then.centre_m[before, :2])
+    elapsed_s = seconds_between(previous.stamp_ns, current.stamp_ns)
+    return Labels(
+        previous_object=row_in_now[rows_then],
+        current_object=rows_now.astype(np.int16),
+        velocity_mps=motion_m / np.float32(elapsed_s),
+        centre_m=centre_m.astype(np.float32),
+    )

@@ -1,17 +1,19 @@
-"""The training loop, on one process or on those of `torchrun`."""
+"""Training on one process or on those of `torchrun`: the loop, and a whole run around it."""
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
 from torch import distributed, nn
 from torch.nn.parallel import DistributedDataParallel
 
+from mottrack.flow.pillarflow.calibration import fit_calibration
 from mottrack.flow.pillarflow.decoders import preset
 from mottrack.flow.pillarflow.engine import use_threads
 from mottrack.flow.pillarflow.layers import channels_last
@@ -21,9 +23,9 @@ from mottrack.flow.pillarflow.training.checkpoint import Progress, TrainingState
 from mottrack.flow.pillarflow.training.config import TrainConfig
 from mottrack.flow.pillarflow.training.examples import Example
 from mottrack.flow.pillarflow.training.losses import multi_scale_loss
-from mottrack.flow.pillarflow.training.validation import CellErrors, cell_errors
+from mottrack.flow.pillarflow.training.validation import CellErrors, Scores, cell_errors
+from mottrack.flow.pillarflow.weights_file import Weights, save_weights
 
-PRECISION = {"fp32": None, "bf16": torch.bfloat16, "fp16": torch.float16}
 Report = Callable[[Progress], None]
 
 
@@ -73,7 +75,6 @@ class Trainer:
         self.network = channels_last(PillarFlowNet(preset(config.network)).to(rank.device))
         self.average = WeightAverage(self.network, config.ema_decay)
         self.optimiser = _optimiser(config, self.network)
-        self.scaler = torch.amp.GradScaler(rank.device.type, enabled=config.precision == "fp16")
         self.progress = Progress()
         self._state = TrainingState(self.network, self.average, self.optimiser, self.progress)
         self._file = out / "checkpoint.safetensors"
@@ -133,16 +134,14 @@ class Trainer:
         config = self.config
         for group in self.optimiser.param_groups:
             group["lr"] = config.learning_rate * config.schedule.factor(step, config.steps)
-        dtype = PRECISION[config.precision]
-        with torch.autocast(self.rank.device.type, dtype=dtype, enabled=dtype is not None):
+        half = config.precision == "bf16"
+        with torch.autocast(self.rank.device.type, torch.bfloat16, enabled=half):
             estimate = model(batch.pair)
         loss = multi_scale_loss(estimate, batch.target, config.loss)
         self.optimiser.zero_grad(set_to_none=True)
-        self.scaler.scale(loss).backward()  # type: ignore[no-untyped-call]
-        self.scaler.unscale_(self.optimiser)
+        loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), config.max_gradient_norm)
-        self.scaler.step(self.optimiser)
-        self.scaler.update()
+        self.optimiser.step()
         self.average.update(self.network, step)
         return float(loss.detach())
 
@@ -154,7 +153,7 @@ class Trainer:
             losses.clear()
         if self.rank.is_first and step % config.validate_every == 0 and not last:
             scores = self.validate(held_out).scores()
-            history.append({"step": float(step), **scores.as_dict()})
+            history.append({"step": float(step), **asdict(scores)})
         if step % config.save_every == 0 or last:
             self.save()
         report(self.progress)
@@ -168,3 +167,56 @@ def _optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer
         weight_decay=config.weight_decay,
         fused=True,
     )
+
+
+def run(
+    config: TrainConfig,
+    out: Path,
+    examples: Sequence[Example],
+    held_out: Sequence[Example],
+    report: Report,
+) -> Scores | None:
+    """Train from the checkpoint in `out`, if any; the first process returns the scores."""
+    rank = RankInfo.join()
+    if rank.is_first:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "config.json").write_text(config.model_dump_json(indent=1) + "\n")
+    trainer = Trainer(config, rank, out)
+    trainer.fit(examples, held_out, report)
+    scores = finish(trainer, held_out) if rank.is_first else None
+    rank.leave()
+    return scores
+
+
+def finish(trainer: Trainer, held_out: Sequence[Example]) -> Scores:
+    """Calibrate on the first half of the held-out examples, score on the second, write all."""
+    half = len(held_out) // 2
+    fitted = fit_calibration(trainer.validate(held_out[:half] if half else held_out).residuals)
+    scores = trainer.validate(held_out[half:]).scores(fitted)
+    weights = Weights(trainer.averaged().eval(), fitted, trainer.config.examples.remove_ground)
+    save_weights(trainer.out / "weights.safetensors", weights)
+    progress = trainer.progress
+    progress.history.append({"step": float(progress.step), **asdict(scores)})
+    trainer.save()
+    summary = {"step": progress.step, "seconds": progress.seconds, **asdict(scores)}
+    (trainer.out / "scores.json").write_text(json.dumps(summary, indent=1) + "\n")
+    _write_curve(progress.history, trainer.out)
+    return scores
+
+
+def _write_curve(history: list[dict[str, float]], out: Path) -> None:
+    """Write `curve.json` with every point and `curve.png` with loss and validation errors."""
+    from matplotlib.figure import Figure
+
+    (out / "curve.json").write_text(json.dumps(history, indent=1) + "\n")
+    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    losses = [point for point in history if "loss" in point]
+    left.plot([p["step"] for p in losses], [p["loss"] for p in losses], linewidth=0.8)
+    left.set(xlabel="step", ylabel="training loss", yscale="log")
+    checks = [point for point in history if "dynamic_rmse" in point]
+    for name in ("dynamic_rmse", "dynamic_median", "static_rmse"):
+        right.plot([p["step"] for p in checks], [p[name] for p in checks], ".-", label=name)
+    right.set(xlabel="step", ylabel="held-out error [m/s]", yscale="log")
+    right.legend()
+    figure.savefig(out / "curve.png", dpi=120)

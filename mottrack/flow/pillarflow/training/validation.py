@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -16,8 +16,7 @@ from mottrack.flow.pillarflow.calibration import (
     coverage,
 )
 from mottrack.flow.pillarflow.network import PillarFlowNet
-from mottrack.flow.pillarflow.training.batches import collate
-from mottrack.flow.pillarflow.training.crop import NO_ROTATION, CropConfig, cut
+from mottrack.flow.pillarflow.training.batches import NO_ROTATION, CropConfig, collate, cut
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 
 MOVING_MPS = 0.5
@@ -43,10 +42,6 @@ class Scores:
     """Share of all cells; 0.393 if the covariance is right and the errors are normal."""
     inside_2_sigma: float
     """Share of all cells; 0.865 likewise."""
-
-    def as_dict(self) -> dict[str, float]:
-        """Return the scores by name."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)
