@@ -1,6 +1,9 @@
-"""Warping and the cost volume against plain definitions."""
+"""Warping and the cost volume against plain definitions, and the threads of its kernels."""
 
 from __future__ import annotations
+
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -11,6 +14,16 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.cost_volume import cost_volume, cost_volume_by_shifts
 from mottrack.flow.pillarflow.layers import warp
 from mottrack.flow.pillarflow.network import PillarFlowNet
+
+SCRIPT = """
+import numba, torch
+from mottrack.flow.pillarflow.cost_volume import cost_volume
+from mottrack.flow.pillarflow.engine import use_threads
+use_threads({count})
+before = torch.get_num_threads()
+cost_volume(torch.ones(1, 4, 8, 8), torch.ones(1, 4, 8, 8), 1)
+print(before, torch.get_num_threads())
+"""
 
 
 def _maps(seed: int, *shape: int) -> torch.Tensor:
@@ -67,3 +80,9 @@ def test_a_network_that_does_not_fit_together_is_refused(
 def test_an_unknown_backbone_is_refused() -> None:
     with pytest.raises(InputError, match=r"backbone is raft, expected one of pwc, spynet"):
         PillarFlowNet(NetworkConfig(backbone="raft"))
+
+
+def test_starting_numbas_threads_leaves_torch_alone() -> None:
+    script = SCRIPT.format(count=3)
+    run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["3", "3"]

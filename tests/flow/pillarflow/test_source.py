@@ -18,7 +18,7 @@ from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.decoders import PRESETS
+from mottrack.flow.pillarflow.decoders import DECODERS, PRESETS
 from mottrack.flow.pillarflow.engine import CpuEngine
 from mottrack.flow.pillarflow.export import export_onnx
 from mottrack.flow.pillarflow.network import NetworkInput, PillarFlowNet, PointBatch
@@ -191,7 +191,7 @@ def test_binary_network_runs_behind_the_same_interface(tmp_path: Path) -> None:
     assert field.occupied.any()
 
 
-@pytest.mark.parametrize("backbone", ["pwc", "spynet", "flownet"])
+@pytest.mark.parametrize("backbone", DECODERS)
 def test_export_agrees_with_onnxruntime(tmp_path: Path, backbone: str) -> None:
     pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
