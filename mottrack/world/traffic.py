@@ -9,6 +9,7 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.world.catalogue import KINDS, Size, draw_size
+from mottrack.world.config import DensityConfig
 from mottrack.world.curves import Paths, stack
 from mottrack.world.roads import LaneKey, RoadNetwork, Route
 
@@ -22,19 +23,6 @@ _SPACING_M = {"cycle": 70.0, "walk": 26.0, "cross": 12.0}
 """Mean distance of cyclists and pedestrians on routes of that kind at density 1; by eye."""
 _SLACK_M = 0.15
 """Least gap between agents when a scene begins."""
-
-
-@dataclass(frozen=True)
-class Density:
-    """How busy a scene is; 1 is an ordinary day."""
-
-    vehicles: float = 1.0
-    pedestrians: float = 1.0
-    parked: float = 1.0
-    unknown: float = 1.0
-    mid_turn: bool = False
-    """Whether vehicles may stand inside the intersection when the scene begins; from all sides at
-    once, so it is for short scenes, which end before they would have to clear it."""
 
 
 class Sway(NamedTuple):
@@ -104,7 +92,12 @@ class _Draft:
 
 
 def populate(
-    rng: np.random.Generator, network: RoadNetwork, density: Density, ego_start_m: float
+    rng: np.random.Generator,
+    network: RoadNetwork,
+    density: DensityConfig,
+    ego_start_m: float,
+    *,
+    mid_turn: bool,
 ) -> Traffic:
     """Fill the lanes, the pavements and the crossings.
 
@@ -113,11 +106,13 @@ def populate(
         network: the roads.
         density: how busy.
         ego_start_m: distance of the ego vehicle from the origin.
+        mid_turn: whether vehicles may stand inside the intersection; from all sides at once, so
+            it is for short scenes, which end before they would have to clear it.
     """
     drafts = [_ego(rng, network, ego_start_m)]
     for lane in sorted({r.lane for r in network.routes if r.kind == "drive"}):
-        drafts += _fill_lane(rng, network, lane, density)
-    if density.mid_turn:
+        drafts += _fill_lane(rng, network, lane, density.vehicles, mid_turn=mid_turn)
+    if mid_turn:
         drafts += _turners(rng, network)
     for number, route in enumerate(network.routes):
         if route.kind != "drive":
@@ -204,11 +199,11 @@ def _flow(rng: np.random.Generator, limit_mps: float, density: float) -> _Flow:
 
 
 def _fill_lane(
-    rng: np.random.Generator, network: RoadNetwork, lane: LaneKey, density: Density
+    rng: np.random.Generator, network: RoadNetwork, lane: LaneKey, density: float, *, mid_turn: bool
 ) -> list[_Draft]:
     routes = [i for i, r in enumerate(network.routes) if r.kind == "drive" and r.lane == lane]
     route = network.routes[routes[0]]
-    flow = _flow(rng, route.speed_limit_mps, density.vehicles)
+    flow = _flow(rng, route.speed_limit_mps, density)
     queue = rng.random() < 0.4
     s, end = float(rng.uniform(0.0, flow.gap_m)), route.curve.length_m
     drafts: list[_Draft] = []
@@ -220,7 +215,7 @@ def _fill_lane(
         if draft.tows:
             _hitch(draft, draft.tows)
         into = draft.s_m + 0.5 * draft.size_m.length - network.routes[draft.path].stop_m
-        if density.mid_turn or not 0.0 < into < 2.0 * network.stop_distance_m + 12.0:
+        if mid_turn or not 0.0 < into < 2.0 * network.stop_distance_m + 12.0:
             drafts += [draft, draft.tows] if draft.tows else [draft]
         s += 1.5 + float(rng.exponential(now.gap_m)) + 1.0 * now.pace_mps
     return drafts

@@ -9,10 +9,10 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.sweep import Sweep
+from mottrack.world.config import DensityConfig
 from mottrack.world.ego import PoseError
 from mottrack.world.sensor import random_sensor
 from mottrack.world.sweep_maker import PointTruth, Rig, scan
-from mottrack.world.traffic import Density
 from mottrack.world.world import World, WorldPlan, build_world
 
 _WORLD, _RIG, _FIRST, _SECOND = range(4)
@@ -74,14 +74,14 @@ def _source(seed: int, index: int, purpose: int) -> np.random.SeedSequence:
 
 # the ranges below are chosen by eye, around what scenes have by default
 def _world(rng: np.random.Generator, interval_s: float) -> World:
-    density = Density(
+    density = DensityConfig(
         vehicles=float(rng.uniform(0.5, 1.6)),
         pedestrians=float(rng.uniform(0.4, 2.0)),
         parked=float(rng.uniform(0.6, 1.1)),
         unknown=2.0,
-        mid_turn=True,
     )
-    return build_world(rng, WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M))
+    plan = WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M, mid_turn=True)
+    return build_world(rng, plan)
 
 
 def _rig(rng: np.random.Generator, config: TrainingConfig, interval_s: float) -> Rig:

@@ -9,6 +9,7 @@ import numpy as np
 from mottrack.core.arrays import F64, Texts
 from mottrack.world.bodies import Bodies, gather, make_body
 from mottrack.world.catalogue import Size
+from mottrack.world.config import DensityConfig
 from mottrack.world.driving import Motion, random_signals, simulate
 from mottrack.world.ground import Extent, build_ground
 from mottrack.world.materials import Materials, material_table
@@ -18,7 +19,7 @@ from mottrack.world.solids import Solids, SolidsBuilder, concatenate, select
 from mottrack.world.states import States, join, place_bodies, resting, traffic_states
 from mottrack.world.street import line_road
 from mottrack.world.terrain import Terrain, heights_at
-from mottrack.world.traffic import Density, Traffic, populate
+from mottrack.world.traffic import Traffic, populate
 from mottrack.world.unknown import UnknownObjects, draw_unknown_objects
 
 _PLACES = ("urban", "residential", "motorway")
@@ -34,12 +35,14 @@ class WorldPlan:
 
     place: str
     """``urban``, ``residential``, ``motorway`` or ``random``."""
-    density: Density
+    density: DensityConfig
     duration_s: float
     warm_up_s: float
     """Simulated before the scene begins, so that traffic has settled."""
     sight_m: float = 130.0
     """How far from the ego vehicle the world is filled."""
+    mid_turn: bool = False
+    """Whether vehicles may be in the middle of a turn when the scene begins."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ def build_world(rng: np.random.Generator, plan: WorldPlan) -> World:
     network = build_network(rng, place, plan.sight_m + 0.7 * drive_m + 30.0)
     # before the origin by most of the drive, so that an intersection is passed in most scenes
     ego_start = float(rng.uniform(0.15, 0.7)) * drive_m + float(rng.uniform(-20.0, 35.0))
-    traffic = populate(rng, network, plan.density, ego_start)
+    traffic = populate(rng, network, plan.density, ego_start, mid_turn=plan.mid_turn)
     signals = random_signals(rng, 2 * len(network.roads))
     motion = simulate(traffic, signals, -plan.warm_up_s, plan.duration_s + 0.2)
     terrain = build_ground(rng, network, _extent(traffic, motion, plan.sight_m))

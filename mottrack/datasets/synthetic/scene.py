@@ -25,7 +25,6 @@ from mottrack.world.ego import PoseError, pose_of
 from mottrack.world.sensor import random_sensor, sensor_model
 from mottrack.world.sweep_maker import PointTruth, Rig, ScanResult, scan
 from mottrack.world.terrain import heights_at
-from mottrack.world.traffic import Density
 from mottrack.world.world import World, WorldPlan, build_world
 
 _WARM_UP_S = 4.0
@@ -117,8 +116,7 @@ class SyntheticScene:
     def world(self) -> World:
         """Everything in the scene."""
         config = self._config
-        density = Density(**config.density.model_dump())
-        plan = WorldPlan(config.place, density, config.duration_s, _WARM_UP_S)
+        plan = WorldPlan(config.place, config.density, config.duration_s, _WARM_UP_S)
         return build_world(np.random.default_rng(self._source(_WORLD)), plan)
 
     @cached_property
