@@ -53,7 +53,7 @@ class Kind:
     wheelbase: float
     """Distance of the axles over the length; 0 turns on the spot."""
     sway_m: float
-    """How far it strays to the sides of its path."""
+    """Amplitude of its lateral oscillation about its path."""
 
 
 # Sizes: about those of European vehicles (2.55 m is the widest that EU Directive 96/53 allows) and

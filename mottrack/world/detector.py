@@ -201,8 +201,8 @@ def _with_noise(
     fuzzy = size * np.exp(np.clip(rng.normal(size=(n, 3)), -most, most) * stretch)
     label = visible.label[rows]
     factor = np.where(label == "pedestrian", _ROUND_FACTOR, 1.0)
-    turned = rng.normal(size=n) * config.noise * (_YAW_RAD + _FEW_YAW_RAD * few) * factor
+    yaw_error = rng.normal(size=n) * config.noise * (_YAW_RAD + _FEW_YAW_RAD * few) * factor
     flipped = np.pi * (rng.random(n) < config.flips * factor)
-    yaw = visible.yaw_rad[rows] + turned + flipped
+    yaw = visible.yaw_rad[rows] + yaw_error + flipped
     centre = visible.centre_m[rows] + error
     return Visible(centre, fuzzy, yaw, label, visible.id[rows], visible.num_points[rows])

@@ -1,4 +1,4 @@
-"""Simulates driving: car following, traffic lights, and right of way by what is in the path.
+"""Driving: car following, traffic lights, and right of way by what is in the path.
 
 Acceleration is that of the Intelligent Driver Model (Treiber, Hennecke and Helbing, Phys. Rev. E
 62, 2000), towards the nearest agent in the own path or the stop line of a red light, at most at

@@ -1,4 +1,4 @@
-"""Builds the ground: slopes, waves, kerbs, roughness, and its materials."""
+"""Generation of the ground: slopes, waves, kerbs, roughness, and its materials."""
 
 from __future__ import annotations
 

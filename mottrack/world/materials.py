@@ -89,20 +89,6 @@ def material_table() -> Materials:
     return Materials(*columns)._replace(clumped=columns[2] > 0)
 
 
-class Leaves(NamedTuple):
-    """Inside of a porous solid."""
-
-    density_per_m: float
-    clumped: bool
-
-
-class Windows(NamedTuple):
-    """Windows of a facade."""
-
-    pitch_m: float
-    share: float
-
-
 class Beam(NamedTuple):
     """One beam in the frame of a solid that it meets."""
 
@@ -114,19 +100,18 @@ class Beam(NamedTuple):
 
 
 @compiled
-def inside_return(leaves: Leaves, beam: Beam, limit_m: float) -> float:
+def inside_return(density_per_m: float, clumped: bool, beam: Beam, limit_m: float) -> float:
     """Return the range at which a beam comes back from within a porous solid, inf if it does not.
 
     Exponential free path; where the density varies, by rejection (Woodcock tracking).
 
     Args:
-        leaves: the inside of the solid.
+        density_per_m: mean density inside.
+        clumped: whether it varies from place to place.
         beam: the beam and the part of it inside the solid.
         limit_m: range beyond which the answer does not matter.
     """
-    density, clumped = leaves.density_per_m, leaves.clumped
-    if clumped:
-        density *= _CLUMP_PEAK
+    density = density_per_m * _CLUMP_PEAK if clumped else density_per_m
     t, end = max(beam.hit.near_m, 0.0), min(beam.hit.far_m, limit_m)
     for step in range(_MAX_STEPS):
         t -= np.log(uniform(random_bits(beam.bits, 2 * step + 1))) / density
@@ -150,13 +135,19 @@ def _clump(origin: Vector, direction: Vector, t: float) -> float:
 
 
 @compiled(error_model="numpy")
-def window_return(windows: Windows, beam: Beam) -> tuple[float, float]:
-    """Return (range, cosine) from a facade: the wall, a room behind a window, or cosine 0: lost."""
+def window_return(pitch_m: float, share: float, beam: Beam) -> tuple[float, float]:
+    """Return (range, cosine) from a facade: its wall, a room behind a window, or cosine 0: lost.
+
+    Args:
+        pitch_m: distance of the windows.
+        share: their width over it.
+        beam: the beam, which meets the wall at its near end.
+    """
     origin, direction, (enter, _, cosine) = beam.origin, beam.direction, beam.hit
-    along = (origin.x + enter * direction.x + origin.y + enter * direction.y) / windows.pitch_m
+    along = (origin.x + enter * direction.x + origin.y + enter * direction.y) / pitch_m
     storey = (origin.z + enter * direction.z) / _STOREY_M
     across, up = along - np.floor(along), storey - np.floor(storey)
-    if across > windows.share or up < _SILL or up > _LINTEL:
+    if across > share or up < _SILL or up > _LINTEL:
         return enter, cosine
     pane = random_bits(_PANE_SEED, int(np.floor(along)) * 4096 + int(np.floor(storey)))
     curtain = _LEAST_CURTAIN + _CURTAIN_SPREAD * uniform(pane)

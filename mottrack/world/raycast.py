@@ -1,4 +1,4 @@
-"""Casts the beams of one revolution of a LiDAR against solids and ground.
+"""Ray casting: the beams of one revolution of a LiDAR against solids and ground.
 
 A beam hits the nearest thing only (true occlusion). Things that let beams through draw from a
 counter-based generator keyed by beam and solid, so the result does not depend on any order.
@@ -15,15 +15,8 @@ from mottrack.core.arrays import F64, I16, I64
 from mottrack.world.culling import Candidates, ScanPattern, find_candidates
 from mottrack.world.hashing import random_bits, uniform
 from mottrack.world.intersect import Hit, Vector, hit_box, hit_cylinder, hit_ellipsoid
-from mottrack.world.materials import (
-    Beam,
-    Leaves,
-    Materials,
-    Windows,
-    inside_return,
-    window_return,
-)
-from mottrack.world.solids import BACKGROUND, BOX, CYLINDER, Solids, solid_pose_at
+from mottrack.world.materials import Beam, Materials, inside_return, window_return
+from mottrack.world.solids import BOX, CYLINDER, Solids, solid_pose_at
 from mottrack.world.terrain import Beams, Terrain, ground_cosine, ground_ranges, surface_at
 
 GROUND = -2
@@ -249,11 +242,11 @@ def _meet(table: F64, p: int, bits: np.uint64, ray: Vector, limit_m: float) -> t
     opacity, beam = table[p, _OPACITY], Beam(bits, origin, direction, hit)
     if hit.near_m > 0.0 and (opacity >= 1.0 or uniform(bits) < opacity):
         if table[p, _PITCH] > 0.0:
-            return window_return(Windows(table[p, _PITCH], table[p, _SHARE]), beam)
+            return window_return(table[p, _PITCH], table[p, _SHARE], beam)
         return hit.near_m, hit.cosine
     if table[p, _DENSITY] > 0.0:
-        leaves = Leaves(table[p, _DENSITY], table[p, _CLUMPED] > 0.0)
-        return inside_return(leaves, beam, limit_m), _LEAF_COSINE
+        clumped = table[p, _CLUMPED] > 0.0
+        return inside_return(table[p, _DENSITY], clumped, beam, limit_m), _LEAF_COSINE
     return np.inf, 0.0
 
 
@@ -268,9 +261,3 @@ def _geometry(table: F64, p: int, origin: Vector, direction: Vector) -> Hit:
     if kind == CYLINDER:
         return hit_cylinder(origin, direction, half)
     return hit_ellipsoid(origin, direction, half)
-
-
-def owners(returns: Returns, solids: Solids) -> I64:
-    """Return (C, R) the row of the agent that each beam hit, BACKGROUND elsewhere."""
-    hit = returns.solid >= 0
-    return np.where(hit, solids.owner[np.where(hit, returns.solid, 0)], BACKGROUND)

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F32, F64, I64, Mask
+from mottrack.core.arrays import F32, F64, I64
 from mottrack.world.culling import ScanPattern
 from mottrack.world.hashing import near_normal, random_bits, uniform
-from mottrack.world.raycast import GROUND, Returns, SceneGeometry
+from mottrack.world.raycast import Returns, SceneGeometry
 
 _REFERENCE_ALBEDO = 0.8
 """Data sheets of LiDARs state the range for a target of 80 % reflectivity."""
@@ -128,8 +128,3 @@ def _split(range_m: F64, column: int, ring: int, share: float) -> float:
     """Return by how much a beam split by an edge reports more than its first surface."""
     gap = range_m[min(column + 1, range_m.shape[0] - 1), ring] - range_m[column, ring]
     return share * gap if abs(gap) < _EDGE_M else 0.0
-
-
-def is_ground(returns: Returns, points: Points) -> Mask:
-    """Return (N,) whether each reported point lies on the ground."""
-    return np.equal(returns.solid[points.column, points.ring], GROUND)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,20 +12,19 @@ from mottrack.world.curves import Interval, Place, place_beside
 from mottrack.world.materials import ASPHALT, Surface
 from mottrack.world.roads import Road, RoadNetwork
 from mottrack.world.solids import SolidsBuilder
-from mottrack.world.terrain import Terrain, height_here, touches
+from mottrack.world.terrain import Terrain, height_at, touches
 
 _FOUNDATION_M = 0.3
 """Depth of walls below the lowest ground, so that no beam passes under them."""
 _WALL_CLEARANCE_M = 0.8
 
 
-@dataclass
-class Parked:
-    """Parked vehicles: place, label and size of each."""
+class ParkedVehicle(NamedTuple):
+    """A vehicle that stands all the time."""
 
-    place: list[Place] = field(default_factory=list)
-    label: list[str] = field(default_factory=list)
-    size_m: list[Size] = field(default_factory=list)
+    place: Place
+    label: str
+    size_m: Size
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class RoadsideStrip:
     """+1 left, -1 right of the centre line."""
     terrain: Terrain
     build: SolidsBuilder
-    parked: Parked
+    parked: list[ParkedVehicle]
     rng: np.random.Generator
 
     def spot(self, s_m: float, beyond_m: float) -> Spot:
@@ -59,7 +59,8 @@ class RoadsideStrip:
         lateral = self.side * (self.road.profile.half_carriageway_m + beyond_m)
         centre = self.road.centre
         x, y, yaw = place_beside(centre.xy_m, centre.heading_rad, float(s_m), float(lateral))
-        return Spot(x, y, height_here(self.terrain, x, y), yaw)
+        terrain = self.terrain
+        return Spot(x, y, height_at(terrain.height_m, terrain.frame, x, y), yaw)
 
     def on_road(self, spot: Spot, reach_m: float) -> bool:
         """Return whether a thing of that reach would stand on a carriageway."""
@@ -81,9 +82,7 @@ class RoadsideStrip:
 
     def park(self, spot: Spot, yaw_rad: float, label: str, size_m: Size) -> None:
         """Add a parked vehicle."""
-        self.parked.place.append(Place(spot.x_m, spot.y_m, yaw_rad))
-        self.parked.label.append(label)
-        self.parked.size_m.append(size_m)
+        self.parked.append(ParkedVehicle(Place(spot.x_m, spot.y_m, yaw_rad), label, size_m))
 
     def wall(
         self, ends: Interval, beyond_m: float, thickness: float, height: float, surface: Surface

@@ -69,7 +69,7 @@ def solid_pose_at(solids: Solids, p: int, tau_s: float) -> SolidPose:
 
 
 class SolidsBuilder:
-    """Collects resting solids."""
+    """A list of resting solids that grows."""
 
     def __init__(self) -> None:
         self._rows: list[list[float]] = []

@@ -1,7 +1,7 @@
 """Street furniture, vegetation, buildings and barriers along a side of a road.
 
 Heights, distances and shares are chosen by eye, so that streets look like those of recorded
-scenes: what matters for a tracker is how much hides it and what stands where a car could be.
+scenes: what matters for a tracker is how much is occluded and what looks like a vehicle.
 """
 
 from __future__ import annotations

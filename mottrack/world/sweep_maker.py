@@ -1,4 +1,4 @@
-"""Simulates one sweep of a world: scan, cast, receive, compensate for motion."""
+"""Simulation of one sweep of a world: scan, cast, receive, compensate for motion."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mottrack.core.sweep import Sweep
 from mottrack.world.culling import ScanPattern
 from mottrack.world.ego import PoseError, ego_posture, odometry, rotations
 from mottrack.world.intersect import Vector
-from mottrack.world.raycast import SceneGeometry, cast, owners
-from mottrack.world.receiver import Points, Receiver, is_ground, receive
+from mottrack.world.raycast import GROUND, SceneGeometry, cast
+from mottrack.world.receiver import Points, Receiver, receive
 from mottrack.world.sensor import SensorModel
 from mottrack.world.solids import BACKGROUND
 from mottrack.world.states import States
@@ -89,7 +89,8 @@ def scan(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) ->
         sensor.reach_m, _MIN_RANGE_M, sensor.range_noise_m, sensor.drop_out, rig.edge_share
     )
     points = receive(pattern, returns, scene, receiver, noise_seed)
-    owner = owners(returns, solids)[points.column, points.ring]
+    hit = returns.solid[points.column, points.ring]
+    owner = np.where(hit >= 0, solids.owner[np.maximum(hit, 0)], BACKGROUND)
     xyz = _to_ego(pattern, points, posture[:3], rotations(posture[None])[0])
     xyz -= _compensation_error(pattern, points, posture, rig, rng.standard_normal())
     sweep = Sweep(
@@ -103,7 +104,7 @@ def scan(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) ->
     )
     states = world.states(time_s)
     velocity = _velocities(sweep, owner, states, posture)
-    truth = PointTruth(owner, velocity, is_ground(returns, points))
+    truth = PointTruth(owner, velocity, hit == GROUND)
     count = np.bincount(owner[owner >= 0], minlength=len(world.label))
     return ScanResult(sweep, truth, states, count, posture)
 

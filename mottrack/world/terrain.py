@@ -70,12 +70,6 @@ def heights_at(terrain: Terrain, xy_m: F64) -> F64:
     return out
 
 
-@compiled
-def height_here(terrain: Terrain, x_m: float, y_m: float) -> float:
-    """Return the height of the ground at one point."""
-    return float(height_at(terrain.height_m, terrain.frame, x_m, y_m))
-
-
 @compiled(inline="always")
 def surface_at(surface: I8, frame: GridFrame, x_m: float, y_m: float) -> int:
     """Return the material of the ground at a point."""

@@ -1,4 +1,4 @@
-"""Initial traffic: places vehicles, cyclists and pedestrians on the routes of a network."""
+"""Initial traffic: vehicles, cyclists and pedestrians on the routes of a network."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SLACK_M = 0.15
 
 
 class Sway(NamedTuple):
-    """How an agent strays to the sides of its path: a sine over the arc length."""
+    """Lateral oscillation of an agent about its path: a sine over the arc length."""
 
     amplitude_m: float
     wave_m: float
@@ -282,7 +282,7 @@ def _fill_sparsely(
 
 
 def _person(rng: np.random.Generator, route: Route, path: int, s: float, room_m: float) -> _Draft:
-    """Draw a cyclist, or a pedestrian who keeps to the right or stands at the side."""
+    """Draw a cyclist, or a pedestrian, walking on the right or standing at the side."""
     label = "bicycle" if route.kind == "cycle" else "pedestrian"
     kind = KINDS[label]
     standing = route.kind == "walk" and rng.random() < 0.25

@@ -14,7 +14,7 @@ from mottrack.world.driving import Motion, random_signals, simulate
 from mottrack.world.ground import Extent, build_ground
 from mottrack.world.materials import Materials, material_table
 from mottrack.world.roads import build_network
-from mottrack.world.roadside import Parked, RoadsideStrip
+from mottrack.world.roadside import ParkedVehicle, RoadsideStrip
 from mottrack.world.solids import Solids, SolidsBuilder, concatenate, select
 from mottrack.world.states import States, join, place_bodies, resting, traffic_states
 from mottrack.world.street import line_road
@@ -98,7 +98,7 @@ def build_world(rng: np.random.Generator, plan: WorldPlan) -> World:
     signals = random_signals(rng, 2 * len(network.roads))
     motion = simulate(traffic, signals, -plan.warm_up_s, plan.duration_s + 0.2)
     terrain = build_ground(rng, network, _extent(traffic, motion, plan.sight_m))
-    build, parked = SolidsBuilder(), Parked()
+    build, parked = SolidsBuilder(), list[ParkedVehicle]()
     for road in network.roads:
         for side in (1, -1):
             strip = RoadsideStrip(network, road, side, terrain, build, parked, rng)
@@ -106,9 +106,9 @@ def build_world(rng: np.random.Generator, plan: WorldPlan) -> World:
     near = float(network.roads[0].origin_s_m - ego_start)
     mean_count = _UNKNOWN_PER_SCENE * plan.density.unknown
     unknown = draw_unknown_objects(rng, network, mean_count, near)
-    parked_place = np.array(parked.place).reshape(-1, 3)
-    parked_size = np.array(parked.size_m).reshape(-1, 3)
-    parked_label = np.array(parked.label, dtype=np.str_)
+    parked_place = np.array([vehicle.place for vehicle in parked]).reshape(-1, 3)
+    parked_size = np.array([vehicle.size_m for vehicle in parked]).reshape(-1, 3)
+    parked_label = np.array([vehicle.label for vehicle in parked], dtype=np.str_)
     label = np.concatenate([traffic.label, parked_label, unknown.label])
     size = np.concatenate([traffic.agents.size_m, parked_size, unknown.size_m])
     return World(
