@@ -18,8 +18,7 @@ from mottrack.core.errors import ConfigError, InputError
 ENDINGS = (".gif", ".mp4")
 GIF_COLOURS = 256  # the most that the format allows
 MP4_CODEC = "libx264"
-MP4_QUALITY = "20"
-"""x264's constant rate factor: 18 cannot be told from the original, 28 is small."""
+MP4_QUALITY = "20"  # x264's constant rate factor: 18 cannot be told from the original, 28 is small
 
 
 def write_animation(path: Path, pictures: Iterable[U8], period_s: float) -> int:

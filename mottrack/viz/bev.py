@@ -20,15 +20,12 @@ from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.viz.colour_wheel import bold_flow_to_rgb, draw_wheel
 
-FULL_COLOUR_MPS = 15.0
-"""The speed of town traffic."""
-STILL_MPS = 0.3
-"""A slower cell is drawn in grey, at rest; chosen by eye."""
+FULL_COLOUR_MPS = 15.0  # The speed of town traffic
+STILL_MPS = 0.3  # A slower cell is drawn in grey, at rest; chosen by eye
 MOST_POINTS, FEW_POINTS = 40_000, 10_000
 """More than a picture can show; fewer are drawn larger. Chosen by eye."""
 TRUTH_COLOUR, TRACK_COLOUR, POINT_COLOUR, STILL_COLOUR = "#2e9e5b", "#c2410c", "#9ca3af", "#4b5563"
-SIDE_INCH, DOTS_PER_INCH = 7.6, 100
-"""Pictures of 760 pixels, which fit on any screen."""
+SIDE_INCH, DOTS_PER_INCH = 7.6, 100  # Pictures of 760 pixels, which fit on any screen
 LEGEND = (("truth", TRUTH_COLOUR, 1.6), ("track, number, velocity", TRACK_COLOUR, 0.8))
 
 NUMBER: dict[str, Any] = {

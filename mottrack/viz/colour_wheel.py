@@ -18,10 +18,8 @@ ARCS = (
     (CYAN, BLUE, 11), (BLUE, MAGENTA, 13), (MAGENTA, RED, 6),
 )  # fmt: skip
 """Start, end and number of colours of each arc, as published."""
-TOO_FAST = 0.75
-"""Factor on the colours of speeds above the full one, as published."""
-LEAST_COLOUR = 0.45
-"""Share of the full colour that can be told from white; chosen by eye."""
+TOO_FAST = 0.75  # Factor on the colours of speeds above the full one, as published
+LEAST_COLOUR = 0.45  # Share of the full colour that can be told from white; chosen by eye
 WHEEL_PIXELS = 121  # more than it has on any picture
 
 

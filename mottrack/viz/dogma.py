@@ -17,17 +17,14 @@ from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
 from mottrack.viz.colour_wheel import bold_flow_to_rgb, wheel_picture
 
-FULL_COLOUR_MPS = 8.0
-"""Slower than in a flow picture: the map shows that cells move, and where to."""
-FREE, UNKNOWN, OCCUPIED = 255.0, 160.0, 0.0
-"""Grey levels."""
+FULL_COLOUR_MPS = 8.0  # Slower than in a flow picture: the map shows that cells move, and where to
+FREE, UNKNOWN, OCCUPIED = 255.0, 160.0, 0.0  # Grey levels
 EGO_COLOUR, INK = (234, 88, 12), (30, 30, 30)
 EGO_OUTLINE_M = np.array([[3.8, 0.0], [2.6, 0.95], [-1.0, 0.95], [-1.0, -0.95], [2.6, -0.95]])
 """A car of 4.8 m by 1.9 m around its rear axle, pointed at the front."""
 SCALE_M = 10.0
 FONT_PIXELS = 16
-MARGIN = 14
-"""Pixels between a corner and what is drawn in it."""
+MARGIN = 14  # Pixels between a corner and what is drawn in it
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,7 @@ from mottrack.viz.colour_wheel import bold_flow_to_rgb, draw_wheel
 
 MOVING_MPS = 0.5
 """Slower cells are drawn as still: 5 cm a sweep, as in Argoverse 2's scene flow benchmark."""
-STILL, UNMEASURED = 0.62, 0.85
-"""Grey levels in [0, 1]."""
+STILL, UNMEASURED = 0.62, 0.85  # Grey levels in [0, 1]
 
 
 class FlowPanel(NamedTuple):

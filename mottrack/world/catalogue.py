@@ -9,8 +9,7 @@ import numpy as np
 
 TRACKED = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
 """The seven nuScenes tracking classes: what detectors report."""
-UNKNOWN = ("animal", "ball", "debris")
-"""Agents outside the ontology: in the truth, never detected."""
+UNKNOWN = ("animal", "ball", "debris")  # Agents outside the ontology: in the truth, never detected
 
 
 class Size(NamedTuple):
@@ -91,8 +90,7 @@ KINDS: dict[str, Kind] = {
         Driver(0.8, 1.2, 0.4, 0.4), wheelbase=0.0, sway_m=0.06,
     ),
 }  # fmt: skip
-_MOST_DEVIATIONS = 2.5
-"""Keeps extreme draws within what vehicles and people measure."""
+_MOST_DEVIATIONS = 2.5  # Keeps extreme draws within what vehicles and people measure
 
 
 def draw_size(rng: np.random.Generator, label: str) -> Size:

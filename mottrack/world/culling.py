@@ -11,8 +11,7 @@ from mottrack.core.arrays import F64, I64
 from mottrack.world.solids import BOX, Solids, solid_pose_at
 
 _REVOLUTION = 2.0 * np.pi
-_ALL_AROUND = 1e9
-"""Azimuth that stands for a solid around the sensor: larger than any angle."""
+_ALL_AROUND = 1e9  # Azimuth that stands for a solid around the sensor: larger than any angle
 _SPANS = 4
 _FIXED_POINT_STEPS = 4
 """A solid moves by few columns within a scan: two or three steps find its column."""

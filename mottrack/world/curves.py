@@ -10,8 +10,7 @@ import numpy as np
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
 
-STEP_M = 0.5
-"""Between samples: at a radius of 6 m a chord lies 5 mm inside its arc."""
+STEP_M = 0.5  # Between samples: at a radius of 6 m a chord lies 5 mm inside its arc
 
 
 class Place(NamedTuple):

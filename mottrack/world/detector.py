@@ -39,8 +39,7 @@ _CLASSES = {
     "trailer": _Recall(0.85, 10.0, 0.04),
     "truck": _Recall(0.9, 8.0, 0.08),
 }
-_POINTS_POWER = 1.3
-"""Recall rises a little faster with returns than by independent chances."""
+_POINTS_POWER = 1.3  # Recall rises a little faster with returns than by independent chances
 _RANGE_FADE, _RANGE_START = 0.75, 1.15
 """Recall is flat up to 45 % of the range and down to 40 % of it at its end."""
 _CORRELATED_SHARE, _CORRELATION_S = 0.6, 0.8
@@ -57,8 +56,7 @@ _MOST_DEVIATIONS = 3
 _CENTRE_M, _FEW_CENTRE_M = 0.06, 0.25
 _LOG_SIZE, _FEW_LOG_SIZE = 0.03, 0.08
 _YAW_RAD, _FEW_YAW_RAD = 0.03, 0.12
-_ROUND_FACTOR = 4.0
-"""The heading of a pedestrian is worse known than that of a vehicle."""
+_ROUND_FACTOR = 4.0  # The heading of a pedestrian is worse known than that of a vehicle
 _REFERENCE_LENGTH_M = 4.5
 """Centres of longer objects than a car err more, by the root of the length up to 1.4 times."""
 

@@ -18,15 +18,12 @@ from mottrack.world.roads import NO_SIGNAL
 from mottrack.world.traffic import Agents, Traffic
 
 STEP_S = 0.1
-_FAR_M = 1e6
-"""A gap beyond it is none."""
+_FAR_M = 1e6  # A gap beyond it is none
 # braking: comfortably into bends and for lights, hard in an emergency (dry asphalt allows 8 m/s^2)
 _BEND_BRAKING_MPS2, _LIGHT_BRAKING_MPS2, _HARDEST_MPS2 = 1.2, 3.5, 6.0
 _STANDING_BRAKING_MPS2 = 1.0
-_LATERAL_MPS2 = 2.2
-"""In bends: what passengers find comfortable."""
-_STRAIGHT_PER_M = 1e-4
-"""Least curvature that limits the speed, to 148 m/s: that is, none."""
+_LATERAL_MPS2 = 2.2  # In bends: what passengers find comfortable
+_STRAIGHT_PER_M = 1e-4  # Least curvature that limits the speed, to 148 m/s: that is, none
 _BEND_NEAR_M, _BEND_STEP_M = 6.0, 3.0
 _LEAST_DESIRED_MPS = 0.3
 # how far ahead is looked: 3.2 s and the length of two cars
@@ -34,8 +31,7 @@ _LOOK_NEAR_M, _LOOK_S, _LOOK_FAR_M = 12.0, 3.2, 90.0
 _LOOK_START_M, _LOOK_STEP_M = 0.2, 1.5
 _VEHICLE_SIDE_M = 0.25
 """Passing distance that vehicles keep besides half their width; those on foot pass closer."""
-_OVER_LINE_M = 0.5
-"""Further over the stop line an agent drives on."""
+_OVER_LINE_M = 0.5  # Further over the stop line an agent drives on
 _KERB_M, _KERB_GAP_M = 0.8, 0.05
 """Pedestrians who have gone no further than this onto a crossing wait for green."""
 

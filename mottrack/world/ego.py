@@ -12,8 +12,7 @@ from mottrack.world.states import traffic_states
 from mottrack.world.terrain import heights_at
 from mottrack.world.world import World
 
-_HALF_TRACK_M = 0.8
-"""Half the distance of the wheels of an axle: 1.6 m, a passenger car's."""
+_HALF_TRACK_M = 0.8  # Half the distance of the wheels of an axle: 1.6 m, a passenger car's
 _TYRE_REACH_M = 0.5
 # body motion on the springs, orders of magnitude of a passenger car: 2.2 and 2.8 degrees at 1 g,
 # and a vibration of 1.3 and 1.0 Hz by a fifteenth of a degree
@@ -85,8 +84,7 @@ class PoseError:
 # are observed by gravity and the suspension, so they err less; by how much is a guess
 _JITTER_SHARES = np.array([1.0, 1.0, 0.5, 1.0, 0.5, 0.5])
 _DRIFT_SHARES = np.array([1.0, 1.0, 0.3, 1.0, 0.3, 0.3])
-_DRIFT_RADPS = 0.31
-"""A period of 20 s, a scene's length."""
+_DRIFT_RADPS = 0.31  # A period of 20 s, a scene's length
 _DRIFT_PHASE_RAD = np.array([0.0, 1.3, 2.1, 0.7, 1.9, 2.9])  # arbitrary: axes drift apart
 
 

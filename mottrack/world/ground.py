@@ -14,8 +14,7 @@ from mottrack.world.roads import Road, RoadNetwork
 from mottrack.world.terrain import GridFrame, Terrain
 
 _CELL_M = 0.5
-_STEEPEST = 0.05
-"""Slope; streets in towns are seldom steeper than 5 %."""
+_STEEPEST = 0.05  # Slope; streets in towns are seldom steeper than 5 %
 
 
 class Extent(NamedTuple):

@@ -16,8 +16,7 @@ _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MULTIPLIER_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MULTIPLIER_2 = np.uint64(0x94D049BB133111EB)
 _MASK_16 = np.uint64(0xFFFF)
-_ULP = 2.0**-53
-"""A double has 53 significant bits."""
+_ULP = 2.0**-53  # A double has 53 significant bits
 _IRWIN_HALL_MEAN = 4 * 65535 / 2
 _IRWIN_HALL_SCALE = np.sqrt(3.0) / 65536.0
 """One over the deviation of a sum of four uniforms on 0 .. 65535: sqrt(4 * 65536^2 / 12)."""

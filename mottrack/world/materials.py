@@ -34,8 +34,7 @@ _STOREY_M = 3.0
 _SILL, _LINTEL = 0.3, 0.8
 _LEAST_CURTAIN, _CURTAIN_SPREAD = 0.15, 0.5
 _MIRRORED_UP_TO = 0.8
-_INTERIOR_M = 1.3
-"""Mean depth of a return from a room."""
+_INTERIOR_M = 1.3  # Mean depth of a return from a room
 _PANE_SEED = np.uint64(31)  # arbitrary
 
 

@@ -12,21 +12,16 @@ from mottrack.world.culling import ScanPattern
 from mottrack.world.hashing import near_normal, random_bits, uniform
 from mottrack.world.raycast import Returns, SceneGeometry
 
-_REFERENCE_ALBEDO = 0.8
-"""Data sheets of LiDARs state the range for a target of 80 % reflectivity."""
-_GROUND_ALBEDO, _GROUND_STEP = 0.16, 0.05
-"""Asphalt is dark; what stands out from it is brighter."""
-_DETECTION_RATE = 1.1
-"""1 - exp(-1.1): a target at ``reach_m`` is seen two times out of three."""
-_SURE_POWER = 6.0
-"""Above it fewer than 2 in 1000 are missed: no draw is made."""
+_REFERENCE_ALBEDO = 0.8  # Data sheets of LiDARs state the range for a target of 80 % reflectivity
+_GROUND_ALBEDO, _GROUND_STEP = 0.16, 0.05  # Asphalt is dark; what stands out from it is brighter
+_DETECTION_RATE = 1.1  # 1 - exp(-1.1): a target at ``reach_m`` is seen two times out of three
+_SURE_POWER = 6.0  # Above it fewer than 2 in 1000 are missed: no draw is made
 _LEAST_SPECKLE = 0.1  # keeps the reflectance positive
 _SLANT_NOISE_M, _MOST_SLANT = 0.004, 12.0
 """At a slant the footprint of the beam stretches over ranges; bounded at 85 degrees."""
 _DULL, _SHINY = 0.35, 0.65
 """Weakening of the reported reflectance at a slant: firmware corrects for it in part. By eye."""
-_EDGE_M = 3.0
-"""A beam split between surfaces further apart reports the first; chosen by eye."""
+_EDGE_M = 3.0  # A beam split between surfaces further apart reports the first; chosen by eye
 # numbers of the draws of one beam
 _LOSS, _SPECKLE, _DETECTION, _NOISE, _SPLIT, _SPLIT_SHARE, _DRAWS = 1, 2, 3, 4, 5, 6, 8
 _MOST_RINGS = 4096

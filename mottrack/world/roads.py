@@ -12,16 +12,12 @@ from mottrack.world.curves import STEP_M, Curve, connection, curve_from_curvatur
 
 APPROACHES = 4
 NO_SIGNAL = -1
-CYCLE_LANE, PAVEMENT = -1, -2
-"""Numbers of lanes that vehicles do not use."""
-_STRAIGHT_M = 30.0
-"""Around the origin, where roads may cross, they are straight."""
+CYCLE_LANE, PAVEMENT = -1, -2  # Numbers of lanes that vehicles do not use
+_STRAIGHT_M = 30.0  # Around the origin, where roads may cross, they are straight
 _KNOT_M, _TRANSITION_M = 60.0, 20.0
 """Distance over which curvature changes, and over which the first bend begins."""
-_CROSS_ROAD_M = 160.0
-"""Further away a crossing road is out of sight."""
-_STOP_MARGIN_M = 3.0
-"""Room for a crossing between the stop line and the cross road."""
+_CROSS_ROAD_M = 160.0  # Further away a crossing road is out of sight
+_STOP_MARGIN_M = 3.0  # Room for a crossing between the stop line and the cross road
 _CYCLE_MPS, _WALK_MPS = 7.0, 1.6
 """Brisk cyclists and walkers, for whom desired speeds are shares of these."""
 

@@ -14,8 +14,7 @@ from mottrack.world.roads import Road, RoadNetwork
 from mottrack.world.solids import SolidsBuilder
 from mottrack.world.terrain import Terrain, height_at, touches
 
-_FOUNDATION_M = 0.3
-"""Depth of walls below the lowest ground, so that no beam passes under them."""
+_FOUNDATION_M = 0.3  # Depth of walls below the lowest ground, so that no beam passes under them
 _WALL_CLEARANCE_M = 0.8
 
 

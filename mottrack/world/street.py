@@ -28,8 +28,7 @@ _BARK, _STEEL = Surface(PLAIN, 0.25), Surface(PLAIN, 0.35)
 _LEAVES, _HEDGE, _FENCE = Surface(FOLIAGE, 0.4), Surface(HEDGE, 0.4), Surface(FENCE, 0.3)
 _CANOPY, _BIN, _SHED = Surface(PLAIN, 0.4), Surface(PLAIN, 0.3), Surface(PLAIN, 0.5)
 _DECK, _GARDEN_WALL = Surface(CONCRETE, 0.4), Surface(CONCRETE, 0.45)
-_SIGN = Surface(SIGN, 0.95)
-"""Retroreflecting."""
+_SIGN = Surface(SIGN, 0.95)  # Retroreflecting
 
 
 def line_road(strip: RoadsideStrip, parked: float) -> None:

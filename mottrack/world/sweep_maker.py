@@ -20,10 +20,8 @@ from mottrack.world.solids import BACKGROUND
 from mottrack.world.states import States
 from mottrack.world.world import World
 
-_KNOTS = 5
-"""Postures computed within a scan; between them 25 ms are straight."""
-_MIN_RANGE_M = 1.5
-"""The own vehicle, which is not simulated, would hide what is nearer."""
+_KNOTS = 5  # Postures computed within a scan; between them 25 ms are straight
+_MIN_RANGE_M = 1.5  # The own vehicle, which is not simulated, would hide what is nearer
 
 
 @dataclass(frozen=True)

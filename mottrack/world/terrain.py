@@ -14,8 +14,7 @@ from mottrack.world.intersect import Vector
 # distance, at which neighbouring rings of a 64-beam sensor are further apart on the ground
 _STRIDE_M = 0.5
 _STRIDE_GROWTH = 0.03
-_INSIDE = 1.001
-"""Keeps an interpolated place in the last cell of the grid."""
+_INSIDE = 1.001  # Keeps an interpolated place in the last cell of the grid
 
 
 class GridFrame(NamedTuple):

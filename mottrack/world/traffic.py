@@ -21,8 +21,7 @@ _SHARES = {  # of the vehicles, by eye; trailers stand for tractors with semi-tr
 }
 _SPACING_M = {"cycle": 70.0, "walk": 26.0, "cross": 12.0}
 """Mean distance of cyclists and pedestrians on routes of that kind at density 1; by eye."""
-_SLACK_M = 0.15
-"""Least gap between agents when a scene begins."""
+_SLACK_M = 0.15  # Least gap between agents when a scene begins
 
 
 class Sway(NamedTuple):
@@ -182,8 +181,7 @@ class _Flow(NamedTuple):
     gap_m: float
 
 
-_QUEUE = _Flow(0.0, 3.0, 2.0)
-"""At a red light."""
+_QUEUE = _Flow(0.0, 3.0, 2.0)  # At a red light
 
 
 def _flow(rng: np.random.Generator, limit_mps: float, density: float) -> _Flow:

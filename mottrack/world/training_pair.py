@@ -18,8 +18,7 @@ from mottrack.world.world import World, WorldPlan, build_world
 _WORLD, _RIG, _FIRST, _SECOND = range(4)
 _SPAWN_KEY = 1_000_003
 """Keeps the draws of training pairs apart from those of scenes, whose keys are below it."""
-_WARM_UP_S = 0.3
-"""Three steps of the traffic: a pair needs no settled queues."""
+_WARM_UP_S = 0.3  # Three steps of the traffic: a pair needs no settled queues
 _SIGHT_M = 85.0
 """Beyond the corners of the grids that networks learn on; a scene's would take longer to build."""
 

@@ -13,8 +13,7 @@ from mottrack.world.roads import RoadNetwork
 from mottrack.world.states import States
 
 _GRAVITY_MPS2 = 9.81
-_STRAIGHT_RADPS = 1e-6
-"""A yaw rate of 0 would be a circle of infinite radius."""
+_STRAIGHT_RADPS = 1e-6  # A yaw rate of 0 would be a circle of infinite radius
 
 
 class _Unknown(NamedTuple):

@@ -27,18 +27,15 @@ from mottrack.world.sweep_maker import PointTruth, Rig, ScanResult, scan
 from mottrack.world.terrain import heights_at
 from mottrack.world.world import World, WorldPlan, build_world
 
-_WARM_UP_S = 4.0
-"""Enough for traffic that starts at random speeds to settle into following."""
+_WARM_UP_S = 4.0  # Enough for traffic that starts at random speeds to settle into following
 _WORLD, _RIG, _SWEEP, _FALSE_SITES, _DETECTOR = range(5)
 _KEPT_SCANS = 4
 """A reader asks for the sweep, its truth and its frame, and for those of the sweep before."""
-_LOW_M = 3.0
-"""Solids lower than twice this may be mistaken for objects: no facades, decks or trees."""
+_LOW_M = 3.0  # Solids lower than twice this may be mistaken for objects: no facades, decks or trees
 _FALSE_SITE_SHARE, _MOST_FALSE_FACTOR = 0.25, 3.0
 _FALSE_RANGE_SHARE, _FALSE_RATE, _MOST_FALSE_RATE = 0.85, 0.6, 0.95
 # chosen by eye, so that a frame of a town has some ten false positives, most with low scores
-_FALSE_POINTS = 6
-"""Returns of a false positive, which set its noise."""
+_FALSE_POINTS = 6  # Returns of a false positive, which set its noise
 
 
 class SyntheticScene:
