@@ -20,7 +20,7 @@ from mottrack.paper.plan import WORLD
 from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
 from mottrack.paper.results import Results, StudyResult
 from mottrack.runs.run_folder import RunFolder
-from mottrack.viz.flow_comparison import flow_comparison
+from mottrack.viz.flow_comparison import FlowPanel, flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 
 TRUTH = "ground_truth"
@@ -59,7 +59,7 @@ def _flow_example(study: StudyResult) -> Drawn:
     if not scenes:
         return None
     shot = _last_snapshot(study, PILLARFLOW, scenes[0])
-    figure = flow_comparison([[(LABELS[PILLARFLOW], shot)]])
+    figure = flow_comparison([[FlowPanel(LABELS[PILLARFLOW], shot)]])
     caption = (
         "Figure 1, flow example. PillarFlow between two sweeps of the embedded world from above, "
         f"scene {scenes[0]}, the one with most moving cells; the colour is the direction, no "
@@ -73,7 +73,10 @@ def _qualitative(study: StudyResult) -> Drawn:
     scenes = _busy_scenes(study, TRUTH, SCENES_SHOWN)
     if not scenes:
         return None
-    lines = [[(LABELS[v], _last_snapshot(study, v, scene)) for v in variants] for scene in scenes]
+    lines = [
+        [FlowPanel(LABELS[v], _last_snapshot(study, v, scene)) for v in variants]
+        for scene in scenes
+    ]
     caption = (
         "Figure 3, qualitative results. From left to right: true flow, ICP + Det., Binary OGM, "
         f"PillarFlow; scenes {' and '.join(scenes)}, those with most moving cells."

@@ -17,12 +17,12 @@ from mottrack.core.objects import Tracks
 from mottrack.core.sweep import Sweep
 
 _GREEN, _RED, _POINTS, _HULLS = "#1a9641", "#d7191c", "#b8b8b8", "#4575b4"
-_SHOWN_MPS = 0.3
+_SHOWN_MPS = 0.3  # slower lines are shorter than the points drawn beside them
 
 
 @dataclass(frozen=True)
 class IntegrationPanel:
-    """One panel: what a tracker believes with one flow source, or without."""
+    """One panel: the tracks with one flow source, or without."""
 
     title: str
     sweep: Sweep
@@ -35,7 +35,7 @@ class IntegrationPanel:
 def draw_integration(
     panels: Sequence[IntegrationPanel], reach_m: float = 40.0, seconds: float = 1.0
 ) -> Figure:
-    """Panels side by side, ego frame, x to the right.
+    """Draw panels side by side, ego frame, x to the right.
 
     A line of `seconds` times the velocity starts at each measured cell (green) and at each
     track (red); speeds under 0.3 m/s are not drawn.
@@ -66,7 +66,7 @@ def _draw(axis: Axes, panel: IntegrationPanel, reach_m: float, seconds: float) -
             PolyCollection(list(tracks.hull), facecolors="none", edgecolors=_HULLS, linewidths=0.8)
         )
     start_m, velocity_mps = tracks.centre_m[:, :2], tracks.velocity_mps
-    axis.add_collection(_lines(start_m, velocity_mps, seconds, (_RED, 2.0)))
+    axis.add_collection(_lines(start_m, velocity_mps, seconds, _RED, 2.0))
     moving = np.hypot(*velocity_mps.T) > _SHOWN_MPS
     axis.plot(0, 0, marker=">", color="black", markersize=7)
     axis.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m), aspect="equal")
@@ -79,13 +79,13 @@ def _draw(axis: Axes, panel: IntegrationPanel, reach_m: float, seconds: float) -
 def _flow_lines(field: FlowField, seconds: float) -> LineCollection:
     measured = field.valid & field.occupied
     start_m = field.grid.centres_m()[measured]
-    return _lines(start_m, field.velocity_mps[measured].astype(np.float64), seconds, (_GREEN, 0.5))
+    return _lines(start_m, field.velocity_mps[measured].astype(np.float64), seconds, _GREEN, 0.5)
 
 
 def _lines(
-    start_m: F64, velocity_mps: F64, seconds: float, look: tuple[str, float]
+    start_m: F64, velocity_mps: F64, seconds: float, colour: str, linewidth: float
 ) -> LineCollection:
     moving = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) > _SHOWN_MPS
     start_m, velocity_mps = start_m[moving], velocity_mps[moving]
     ends = np.stack([start_m, start_m + seconds * velocity_mps], axis=1)
-    return LineCollection(list(ends), colors=look[0], linewidths=look[1])
+    return LineCollection(list(ends), colors=colour, linewidths=linewidth)

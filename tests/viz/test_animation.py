@@ -17,8 +17,7 @@ from PIL import Image
 
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.viz.animation import write_animation
-from mottrack.viz.bev import draw_bev
-from mottrack.viz.film import film, period_s
+from mottrack.viz.bev import draw_bev, draw_key_frames, key_frame_period_s
 
 HULL_M = np.array([[8.0, 3.0], [10.0, 3.0], [9.0, 5.0]])
 
@@ -44,14 +43,14 @@ def test_a_track_with_a_hull_is_drawn_by_it_and_others_by_their_box(result, snap
     np.testing.assert_allclose(track.mean(axis=0)[1], -3.0, atol=0.5)
 
 
-def test_a_film_has_a_picture_of_each_key_frame(result, snapshot):
-    pictures = list(film(result, [snapshot], reach_m=20.0))
+def test_each_key_frame_has_a_picture(result, snapshot):
+    pictures = list(draw_key_frames(result, [snapshot], reach_m=20.0))
     assert len(pictures) == 3
     assert {picture.shape for picture in pictures} == {(760, 760, 3)}
     near_the_cell = [picture[150:250, 350:500].astype(int) for picture in pictures]
     coloured = [int((np.ptp(part, axis=-1) > 60).sum()) for part in near_the_cell]
     assert coloured[1] > coloured[0]  # points and flow were kept of the middle one only
-    assert period_s(result) == 0.5
+    assert key_frame_period_s(result) == 0.5
 
 
 def stripes(count, size=32):
@@ -62,7 +61,7 @@ def stripes(count, size=32):
 
 
 def test_a_gif_keeps_pictures_colours_and_time(tmp_path):
-    path = tmp_path / "new" / "film.gif"
+    path = tmp_path / "new" / "scene.gif"
     assert write_animation(path, stripes(5), 0.2) == 5
     with Image.open(path) as image:
         assert (image.n_frames, image.size, image.info["duration"]) == (5, (32, 32), 200)
@@ -74,7 +73,7 @@ def test_a_gif_keeps_pictures_colours_and_time(tmp_path):
 
 def test_an_mp4_plays_at_the_wanted_speed(tmp_path):
     av = pytest.importorskip("av")
-    path = tmp_path / "film.mp4"
+    path = tmp_path / "scene.mp4"
     assert write_animation(path, stripes(5, size=33), 0.1) == 5
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
