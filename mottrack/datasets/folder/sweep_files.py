@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import DataError, InputError, Pose, Sweep
-from mottrack.datasets.files import check_finite, check_range, check_unit_interval, read_floats
+from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 
 
 def sweep_file(folder: Path, stamp_ns: int) -> Path:
@@ -20,21 +21,15 @@ def sweep_file(folder: Path, stamp_ns: int) -> Path:
     return npz if npz.is_file() else folder / f"{stamp_ns}.bin"
 
 
-def read_sweep(
-    path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: tuple[float, float, float]
-) -> Sweep:
-    """Read one sweep.
+def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: Sequence[float]) -> Sweep:
+    """Read one sweep; `origin_m` (3,) is the LiDAR's optical centre in the ego frame.
 
     Raises:
         DataError: missing or damaged file, a value that is not finite or out of range.
-
     """
     arrays = _npz(path) if path.suffix == ".npz" else _bin(path)
-    if not len(arrays["xyz_m"]):
-        raise DataError(path, "points", 0, "at least one")
-    check_finite(path, arrays["xyz_m"])
-    check_range(path, arrays["xyz_m"])
-    check_unit_interval(path, arrays["reflectance"])
+    check_points(path, arrays["xyz_m"])
+    check_interval(path, "reflectance", arrays["reflectance"], 1.0)
     try:
         return Sweep(
             stamp_ns=stamp_ns, world_T_ego=world_T_ego, origin_m=np.array(origin_m), **arrays
@@ -44,7 +39,7 @@ def read_sweep(
 
 
 def _bin(path: Path) -> dict[str, NDArray[Any]]:
-    values = read_floats(path, 4)
+    values = read_float_rows(path, 4)
     return {"xyz_m": values[:, :3], "reflectance": values[:, 3]}
 
 

@@ -1,4 +1,4 @@
-"""KITTI calibration files: where the rectified camera sits in the ego (Velodyne) frame."""
+"""KITTI calibration files: pose of the rectified camera in the ego (Velodyne) frame."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError
-from mottrack.datasets.files import read_text
 from mottrack.datasets.rigid import rigid_pose
+from mottrack.formats.text_rows import read_lines
 
 # The tracking and the object benchmark spell the same matrices differently.
 _NAMES = {
@@ -28,7 +28,7 @@ _VALUES = {"P2": 12, "R_rect": 9, "Tr_velo_cam": 12, "Tr_imu_velo": 12}
 
 @dataclass(frozen=True)
 class Calibration:
-    """What mottrack needs of a KITTI calibration.
+    """The matrices of a KITTI calibration that the reader uses.
 
     ego_T_camera: rectified left camera -> ego (Velodyne).
     ego_T_imu: GPS/IMU unit -> ego.
@@ -46,7 +46,6 @@ def read_calibration(path: Path) -> Calibration:
     Raises:
         DataError: a matrix is missing, has the wrong number of values, is not a rotation, or
             projects nothing into the image.
-
     """
     matrices = _read_matrices(path)
     rectified = np.eye(4)
@@ -58,7 +57,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _field_of_view(path: Path, projection: F64) -> tuple[float, float]:
-    """Azimuths of the image's edges, the image taken as symmetric about the principal point.
+    """Return the azimuths of the edges of an image that is symmetric about the principal point.
 
     KITTI's images are cut to slightly different widths that no text file records; twice the
     principal point is up to 2 % narrower than the image, so nothing unlabelled is inside.
@@ -72,7 +71,7 @@ def _field_of_view(path: Path, projection: F64) -> tuple[float, float]:
 
 def _read_matrices(path: Path) -> dict[str, F64]:
     matrices: dict[str, F64] = {}
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_lines(path), start=1):
         key, _, values = line.strip().partition(" ")
         name = _NAMES.get(key.rstrip(":"))
         if name is not None:

@@ -1,4 +1,4 @@
-"""What can be chosen about a nuScenes data set, and the names of its classes."""
+"""Settings of a nuScenes data set, and the names of its classes."""
 
 from __future__ import annotations
 

@@ -6,15 +6,15 @@ from functools import cached_property
 from pathlib import Path
 
 from mottrack.core.errors import DataError
-from mottrack.datasets.choice import chosen_scenes, require_scene
-from mottrack.datasets.files import existing_folder, inside
-from mottrack.datasets.nuscenes.cache import cache_folder
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.scene import NuScenesScene
 from mottrack.datasets.nuscenes.store import RecordStore
-from mottrack.datasets.nuscenes.tables import Tables, text_of
+from mottrack.datasets.scenes import chosen_scenes, require_scene
+from mottrack.formats.cache import cache_folder
+from mottrack.formats.files import existing_folder, inside
 from mottrack.formats.nuscenes_splits import resolve_split
+from mottrack.formats.nuscenes_tables import NuScenesTables, text_of
 
 
 class NuScenes:
@@ -25,18 +25,14 @@ class NuScenes:
     """
 
     Config = NuScenesConfig
+    name = "nuscenes"
 
     def __init__(self, config: NuScenesConfig) -> None:
         self._config = config
         existing_folder(config.root, "root")
         version = config.version or _version(config.root, config.split)
         inside(config.root, version, follow_links=True)
-        self._tables = Tables(config.root, version)
-
-    @property
-    def name(self) -> str:
-        """Name of the data set."""
-        return "nuscenes"
+        self._tables = NuScenesTables(config.root, version)
 
     @cached_property
     def scene_names(self) -> tuple[str, ...]:
@@ -45,7 +41,6 @@ class NuScenes:
         Raises:
             ConfigError: a chosen scene is not among them.
             DataError: none of the split's scenes is in the tables.
-
         """
         present = tuple(self._tables.scene_tokens())
         if self._config.split is not None:
@@ -64,7 +59,6 @@ class NuScenes:
         Raises:
             ConfigError: no scene has that name.
             DataError: a table or the detection file is missing or damaged.
-
         """
         require_scene(name, self.scene_names)
         return NuScenesScene(name, self._store.record(name), self._config, self._detections)
@@ -93,7 +87,7 @@ class NuScenes:
 
 
 def _version(root: Path, split: str | None) -> str:
-    """The folder of tables that a split belongs to, or the only one there is."""
+    """Return the folder of tables that a split belongs to, or the only one there is."""
     present = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())
     suffix = {"train": "trainval", "val": "trainval", "test": "test"}.get(split or "", "mini")
     official = f"v1.0-{suffix}"

@@ -5,32 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 from mottrack.core.errors import ResultError
-from mottrack.datasets.files import inside
-from mottrack.datasets.nuscenes.cache import cache_key, is_large
-from mottrack.datasets.nuscenes.index import build_records
-from mottrack.datasets.nuscenes.record import SceneRecord
-from mottrack.datasets.nuscenes.tables import Tables
-
-TABLES = (
-    "scene",
-    "sample",
-    "sensor",
-    "calibrated_sensor",
-    "sample_data",
-    "ego_pose",
-    "category",
-    "instance",
-    "sample_annotation",
-)
+from mottrack.datasets.nuscenes.records import TABLES, SceneRecord, build_records
+from mottrack.formats.cache import cache_key, is_large
+from mottrack.formats.files import inside
+from mottrack.formats.nuscenes_tables import NuScenesTables
 
 
 class RecordStore:
-    """Gives the record of a scene; the first question reads the tables of all chosen scenes.
+    """Gives the record of a scene; the first request reads the tables of all chosen scenes.
 
     With `cache_dir` None nothing is kept on disk.
     """
 
-    def __init__(self, tables: Tables, names: tuple[str, ...], cache_dir: Path | None) -> None:
+    def __init__(
+        self, tables: NuScenesTables, names: tuple[str, ...], cache_dir: Path | None
+    ) -> None:
         self._tables, self._names = tables, names
         self._folder = self._index_folder(cache_dir)
         self._records: dict[str, SceneRecord] = {}

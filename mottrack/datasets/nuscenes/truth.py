@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from mottrack.core import Truth, TruthTable
-from mottrack.core.arrays import F64, I64
+from mottrack.core.arrays import I64
 from mottrack.core.pose import wrap_angle
-from mottrack.datasets.kinematics import centred_velocities
 from mottrack.datasets.nuscenes.config import CATEGORY_MAP
-from mottrack.datasets.nuscenes.record import SceneRecord
-from mottrack.datasets.nuscenes.tables import text_of
-from mottrack.datasets.tables import truth_of
-
-
-def yaw_of(quaternion_wxyz: F64) -> F64:
-    """Return the headings (N,) of (N, 4) quaternions: that of the turned x axis on the ground."""
-    w, x, y, z = quaternion_wxyz.T
-    heading: F64 = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
-    return wrap_angle(heading)
+from mottrack.datasets.nuscenes.records import SceneRecord
+from mottrack.datasets.rigid import quaternion_yaws
+from mottrack.datasets.scene_boxes import centred_velocities
+from mottrack.formats.nuscenes_tables import text_of
 
 
 def key_frame_truth(record: SceneRecord) -> TruthTable | None:
@@ -40,7 +31,7 @@ def key_frame_truth(record: SceneRecord) -> TruthTable | None:
         label=np.array([CATEGORY_MAP.get(name, name) for name in categories], dtype=np.str_),
         centre_m=record.box_centre_m,
         size_m=record.box_size_wlh_m[:, [1, 0, 2]],
-        yaw_rad=yaw_of(record.box_rotation),
+        yaw_rad=wrap_angle(quaternion_yaws(record.box_rotation)),
         velocity_mps=centred_velocities(record.box_instance, stamp_ns, record.box_centre_m),
         num_points=record.box_points,
         interpolated=np.zeros(len(stamp_ns), dtype=bool),
@@ -57,27 +48,23 @@ def interpolated_truth(
         key_frame: the last key frame before `stamp_ns`; there is one after it.
         key_stamp_ns: (K,) times of the key frames.
         stamp_ns: the time wanted.
-
     """
-    before = truth_of(table, key_frame, int(key_stamp_ns[key_frame]))
-    after = truth_of(table, key_frame + 1, int(key_stamp_ns[key_frame + 1]))
+    before, after = (table.select(table.frame == key) for key in (key_frame, key_frame + 1))
     _, left, right = np.intersect1d(before.id, after.id, return_indices=True)
     before, after = before.select(left), after.select(right)
-    elapsed_ns = after.stamp_ns - before.stamp_ns
-    share = (stamp_ns - before.stamp_ns) / elapsed_ns
+    elapsed_ns = int(key_stamp_ns[key_frame + 1] - key_stamp_ns[key_frame])
+    share = (stamp_ns - int(key_stamp_ns[key_frame])) / elapsed_ns
     moved = after.centre_m - before.centre_m
-    values: dict[str, Any] = {
-        "centre_m": before.centre_m + share * moved,
-        "yaw_rad": wrap_angle(before.yaw_rad + share * wrap_angle(after.yaw_rad - before.yaw_rad)),
-        "velocity_mps": moved[:, :2] / (elapsed_ns * 1e-9),
-    }
+    turned = wrap_angle(after.yaw_rad - before.yaw_rad)
     return Truth(
         stamp_ns=stamp_ns,
         frame="world",
+        centre_m=before.centre_m + share * moved,
         size_m=before.size_m,
+        yaw_rad=wrap_angle(before.yaw_rad + share * turned),
         label=before.label,
         id=before.id,
-        num_points=np.full(len(before), -1),
-        interpolated=np.ones(len(before), dtype=bool),
-        **values,
+        velocity_mps=moved[:, :2] / (elapsed_ns * 1e-9),
+        num_points=np.full(len(left), -1),
+        interpolated=np.ones(len(left), dtype=bool),
     )

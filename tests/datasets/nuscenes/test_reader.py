@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from mottrack.core import ConfigError, DataError
-from mottrack.datasets.nuscenes import cache, store
+from mottrack.datasets.nuscenes import store
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
 from mottrack.datasets.nuscenes.scene import chosen_sweeps
+from mottrack.formats import cache
 from mottrack.lidar.in_boxes import points_in_boxes
 
 
