@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core import Objects, Pose, Sweep, Truth, TruthTable, VelocityMeasurement
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.pose import wrap_angle
+from mottrack.core.tables import Table
 from mottrack.lidar.in_boxes import points_in_boxes
 
 DETECTOR_VELOCITY_STD_MPS = 1.0
@@ -20,16 +20,27 @@ MAX_GAP_S = 1.5
 """nuScenes' rule: no velocity over a one-sided gap longer than this, or twice this centred."""
 
 
-@dataclass(frozen=True)
-class DetectionTable:
-    """N detections of a scene, world frame.
+@dataclass(frozen=True, slots=True)
+class DetectionTable(Table):
+    """Detections of a scene, world frame.
 
     frame: (N,) index of the frame.
     label: (N,) class name.
     score: (N,) the detector's own score; only its order means something.
     centre_m, size_m (l, w, h): (N, 3). yaw_rad: (N,).
-    velocity_mps: (N, 2) the detector's own velocity, NaN where absent; or None.
+    velocity_mps: (N, 2) the detector's own velocity, NaN where it reports none.
     """
+
+    COLUMNS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {
+        "frame": (np.int64, ()),
+        "label": (np.str_, ()),
+        "score": (np.float64, ()),
+        "centre_m": (np.float64, (3,)),
+        "size_m": (np.float64, (3,)),
+        "yaw_rad": (np.float64, ()),
+        "velocity_mps": (np.float64, (2,)),
+    }
+    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
     frame: I64
     label: Texts
@@ -37,36 +48,23 @@ class DetectionTable:
     centre_m: F64
     size_m: F64
     yaw_rad: F64
-    velocity_mps: F64 | None = None
-
-    def without_velocity(self) -> DetectionTable:
-        """Return the same detections, as of a detector that reports no velocities."""
-        return replace(self, velocity_mps=None)
-
-    @classmethod
-    def stacked(cls, parts: Sequence[DetectionTable]) -> DetectionTable:
-        """Return the rows of all parts, which either all have velocities or none has."""
-        columns: dict[str, Any] = {}
-        for name in (f.name for f in fields(cls)):
-            values = [getattr(part, name) for part in parts]
-            columns[name] = None if values[0] is None else np.concatenate(values)
-        return cls(**columns)
-
-    def select(self, index: NDArray[Any]) -> DetectionTable:
-        """Return the rows that a mask or an index picks."""
-        columns: dict[str, Any] = {}
-        for name in (f.name for f in fields(self)):
-            values = getattr(self, name)
-            columns[name] = None if values is None else values[index]
-        return DetectionTable(**columns)
+    velocity_mps: F64
 
 
-def objects_of(table: DetectionTable | None, frame: int, stamp_ns: int) -> Objects | None:
-    """Return the detections of one frame; None where no detector ran on the scene."""
+def objects_of(
+    table: DetectionTable | None, frame: int, stamp_ns: int, *, velocities: bool = False
+) -> Objects | None:
+    """Return the detections of one frame; None where no detector ran on the scene.
+
+    Args:
+        table: detections of the scene.
+        frame: index of the frame.
+        stamp_ns: its time.
+        velocities: hand on the detector's own velocities as measurements.
+    """
     if table is None:
         return None
     rows = table.select(np.flatnonzero(table.frame == frame))
-    velocity = rows.velocity_mps
     return Objects(
         stamp_ns=stamp_ns,
         frame="world",
@@ -75,7 +73,7 @@ def objects_of(table: DetectionTable | None, frame: int, stamp_ns: int) -> Objec
         yaw_rad=rows.yaw_rad,
         label=rows.label,
         score=rows.score,
-        velocity=None if velocity is None else _detector_velocity(velocity),
+        velocity=_detector_velocity(rows.velocity_mps) if velocities else None,
     )
 
 
@@ -97,9 +95,7 @@ def truth_of(table: TruthTable | None, frame: int, stamp_ns: int) -> Truth | Non
     if table is None:
         return None
     rows = slice(*np.searchsorted(table.frame, [frame, frame + 1]))
-    columns: dict[str, Any] = {
-        f.name: getattr(table, f.name)[rows] for f in fields(table) if f.name != "frame"
-    }
+    columns = {name: getattr(table, name)[rows] for name in table.COLUMNS if name != "frame"}
     return Truth(stamp_ns=stamp_ns, frame="world", **columns)
 
 
@@ -172,3 +168,8 @@ def counted_points(truth: Truth, sweep: Sweep | None) -> I64:
     ego = truth.transformed(sweep.world_T_ego.inverse(), "ego")
     found = points_in_boxes(sweep.xyz_m, ego.centre_m, ego.size_m, ego.yaw_rad)
     return np.where(known, truth.num_points, np.diff(found.start))
+
+
+def unknown_velocities(count: int) -> F64:
+    """Return (count, 2) velocities of a detector that reports none."""
+    return np.full((count, 2), np.nan)

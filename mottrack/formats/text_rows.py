@@ -109,5 +109,5 @@ def _number(path: Path, where: str, text: str) -> float:
     except ValueError as error:
         raise DataError(path, where, text, "a number") from error
     if not np.isfinite(value):
-        raise NonFiniteError(path, where, text, "a finite number")
+        raise NonFiniteError(path, where, text, "a finite number, neither NaN nor infinity")
     return value

@@ -24,6 +24,7 @@ from mottrack.datasets.scene_boxes import (
     centred_velocities,
     frames_at,
     to_world,
+    unknown_velocities,
 )
 from mottrack.formats.columns import Columns, ColumnSpec, specs
 from mottrack.formats.feather import read_feather_columns
@@ -166,6 +167,7 @@ def read_log_detections(
         centre_m=centre_m,
         size_m=table["size"],
         yaw_rad=yaw_rad,
+        velocity_mps=unknown_velocities(len(table)),
     )
 
 

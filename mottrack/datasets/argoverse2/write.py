@@ -87,35 +87,29 @@ def _annotations(frame: Frame, truth: Truth, sweep: Sweep | None) -> pa.Table:
     return pa.table(
         {
             "timestamp_ns": np.full(len(truth), frame.stamp_ns),
-            "track_uuid": [f"{number:08d}" for number in truth.id],
+            "track_uuid": pa.array([f"{number:08d}" for number in truth.id], pa.string()),
             "category": _categories(truth.label),
             **_cuboids(truth, frame),
             "num_interior_pts": counted_points(truth, sweep),
         }
-    ).cast(_schema(("track_uuid", "category"), _CUBOID, ("num_interior_pts",)))
+    )
 
 
 def _detections(log: str, frame: Frame, found: Objects) -> pa.Table:
     return pa.table(
         {
             "timestamp_ns": np.full(len(found), frame.stamp_ns),
-            "log_id": [log] * len(found),
+            "log_id": pa.array([log] * len(found), pa.string()),
             "category": _categories(found.label),
             **_cuboids(found, frame),
             "score": found.score,
         }
-    ).cast(_schema(("log_id", "category"), (*_CUBOID, "score"), ()))
+    )
 
 
-def _schema(texts: tuple[str, ...], numbers: tuple[str, ...], counts: tuple[str, ...]) -> pa.Schema:
-    fields = [("timestamp_ns", pa.int64())]
-    fields += [(name, pa.string()) for name in texts]
-    fields += [(name, pa.float64()) for name in numbers]
-    return pa.schema(fields + [(name, pa.int64()) for name in counts])
-
-
-def _categories(labels: Texts) -> list[str]:
-    return [CATEGORY_OF.get(str(label), str(label).upper()) for label in labels]
+def _categories(labels: Texts) -> pa.Array:
+    names = [CATEGORY_OF.get(str(label), str(label).upper()) for label in labels]
+    return pa.array(names, pa.string())
 
 
 def _cuboids(boxes: Truth | Objects, frame: Frame) -> dict[str, F64]:

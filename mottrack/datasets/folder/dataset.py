@@ -7,8 +7,13 @@ from pathlib import Path
 
 from mottrack.core import DataError, Frame, Sweep, TruthTable
 from mottrack.datasets.folder.config import FolderConfig
-from mottrack.datasets.folder.csv_files import read_boxes_csv, read_detections_csv, read_poses_csv
-from mottrack.datasets.folder.sweep_files import read_sweep, sweep_file
+from mottrack.datasets.folder.log_files import (
+    read_boxes_csv,
+    read_detections_csv,
+    read_poses_csv,
+    read_sweep,
+    sweep_file,
+)
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
 from mottrack.formats.files import existing_folder

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
-from mottrack.core.arrays import Texts
 from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.kitti.boxes import camera_to_ego
-from mottrack.datasets.kitti.calibration import read_calibration
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
-from mottrack.datasets.kitti.labels import LabelledBoxes, read_detection_file, read_label_file
+from mottrack.datasets.kitti.labels import camera_boxes, read_detection_file, read_label_file
 from mottrack.datasets.kitti.layout import SequenceFiles
-from mottrack.datasets.kitti.poses import read_camera_poses, read_oxts
+from mottrack.datasets.kitti.poses import read_calibration, read_camera_poses, read_oxts
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     centred_velocities,
     objects_of,
     to_world,
     truth_of,
+    unknown_velocities,
 )
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.formats.columns import Columns
 from mottrack.formats.faults import MissingError
 from mottrack.formats.files import existing_folder
 
@@ -140,7 +140,7 @@ class KittiScene:
         return poses
 
     def _frames_labelled(self) -> int:
-        return 0 if self._labels is None else int(self._labels.frame.max(initial=-1)) + 1
+        return 0 if self._labels is None else int(self._labels["frame"].max(initial=-1)) + 1
 
     def _chosen_frames(self) -> list[int]:
         numbers = list(range(len(self._poses)))
@@ -151,28 +151,27 @@ class KittiScene:
         return numbers[: self._files.config.frames]
 
     @cached_property
-    def _labels(self) -> LabelledBoxes | None:
+    def _labels(self) -> Columns | None:
         path = self._files.text("label_02")
         return read_label_file(path) if path.is_file() else None
 
     @cached_property
     def _truth(self) -> TruthTable | None:
-        labels = self._labels
-        if labels is None:
+        if self._labels is None:
             return None
-        ego = camera_to_ego(labels.boxes, self._calibration.ego_T_camera)
-        centre_m, yaw_rad = to_world(ego.centre_m, ego.yaw_rad, labels.frame, self._poses)
-        stamps = np.array([self._stamp_ns(n) for n in labels.frame], dtype=np.int64)
+        rows = self._in_world(self._labels)
+        frame, track = rows["frame"], rows["track"]
+        stamps = np.array([self._stamp_ns(number) for number in frame], dtype=np.int64)
         table = TruthTable(
-            frame=labels.frame,
-            id=labels.track,
-            label=self._labels_of(labels.kind),
-            centre_m=centre_m,
-            size_m=ego.size_m,
-            yaw_rad=yaw_rad,
-            velocity_mps=centred_velocities(labels.track, stamps, centre_m),
-            num_points=np.full(len(stamps), -1),
-            interpolated=np.zeros(len(stamps), dtype=bool),
+            frame=frame,
+            id=track,
+            label=rows["label"],
+            centre_m=rows["centre_m"],
+            size_m=rows["size_m"],
+            yaw_rad=rows["yaw_rad"],
+            velocity_mps=centred_velocities(track, stamps, rows["centre_m"]),
+            num_points=np.full(len(rows), -1),
+            interpolated=np.zeros(len(rows), dtype=bool),
         )
         kept = table.select(table.label != "")
         return kept.select(np.argsort(kept.frame, kind="stable"))
@@ -184,15 +183,25 @@ class KittiScene:
 
     def _detection_table(self, path: Path) -> DetectionTable:
         detected = read_detection_file(path)
-        if detected.frame.max(initial=-1) >= len(self._poses):
+        if detected["frame"].max(initial=-1) >= len(self._poses):
             expected = f"below {len(self._poses)}, the number of poses"
-            raise DataError(path, "frame", int(detected.frame.max()), expected)
-        ego = camera_to_ego(detected.boxes, self._calibration.ego_T_camera)
-        centre_m, yaw_rad = to_world(ego.centre_m, ego.yaw_rad, detected.frame, self._poses)
-        label = self._labels_of(detected.kind)
-        table = DetectionTable(detected.frame, label, detected.score, centre_m, ego.size_m, yaw_rad)
-        return table.select(label != "")
+            raise DataError(path, "frame", int(detected["frame"].max()), expected)
+        rows = self._in_world(detected)
+        table = DetectionTable(
+            frame=rows["frame"],
+            label=rows["label"],
+            score=rows["score"],
+            centre_m=rows["centre_m"],
+            size_m=rows["size_m"],
+            yaw_rad=rows["yaw_rad"],
+            velocity_mps=unknown_velocities(len(rows)),
+        )
+        return table.select(table.label != "")
 
-    def _labels_of(self, kind: Texts) -> Texts:
-        mapped = [self._files.config.class_map.get(str(k), "") for k in kind]
-        return np.array(mapped, dtype=np.str_)
+    def _in_world(self, rows: Columns) -> Columns:
+        """Return the rows with their label, "" for a type that has none, and boxes in the world."""
+        class_map = self._files.config.class_map
+        label = np.array([class_map.get(str(kind), "") for kind in rows["type"]], dtype=np.str_)
+        ego = camera_to_ego(camera_boxes(rows), self._calibration.ego_T_camera)
+        centre_m, yaw_rad = to_world(ego.centre_m, ego.yaw_rad, rows["frame"], self._poses)
+        return rows.extended(label=label, centre_m=centre_m, size_m=ego.size_m, yaw_rad=yaw_rad)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from mottrack.core.arrays import F64, I64, Texts
 from mottrack.datasets.checks import check_ego_places, check_headings, check_sizes
 from mottrack.datasets.kitti.boxes import CameraBoxes
 from mottrack.formats.columns import Columns, ColumnSpec, specs
@@ -33,70 +31,50 @@ MAX_FRAME = 999_999
 """A frame's file name has six digits."""
 
 
-@dataclass(frozen=True)
-class LabelledBoxes:
-    """N rows of `label_02/<sequence>.txt`, `DontCare` left out.
+def read_label_file(path: Path) -> Columns:
+    """Read the truth of one sequence, `DontCare` left out.
 
-    frame: (N,) frame index.
-    track: (N,) identity.
-    kind: (N,) KITTI's own type name.
-    boxes: in the rectified camera frame.
-    """
-
-    frame: I64
-    track: I64
-    kind: Texts
-    boxes: CameraBoxes
-
-
-@dataclass(frozen=True)
-class DetectedBoxes:
-    """N rows of a detection file: frame (N,), type name (N,), score (N,) and camera boxes."""
-
-    frame: I64
-    kind: Texts
-    score: F64
-    boxes: CameraBoxes
-
-
-def read_label_file(path: Path) -> LabelledBoxes:
-    """Read the truth of one sequence.
+    The columns are those of `label_02`: frame, track, type (KITTI's own name), ..., h, w, l, x, y,
+    z, ry in the rectified camera frame.
 
     Raises:
         DataError: a broken line, a size that is not positive, or a track twice in one frame.
     """
     table = read_text_columns(path, _LABEL, optional=1)
     table = table.select(table["type"] != DONT_CARE)
-    boxes = _camera_boxes(table)
+    _check_boxes(table)
     keys = np.column_stack([table["frame"], table["track"]])
     table.refuse_repeated("track", keys, "each track once a frame")
-    return LabelledBoxes(table["frame"], table["track"], table["type"], boxes)
+    return table
 
 
-def read_detection_file(path: Path) -> DetectedBoxes:
+def read_detection_file(path: Path) -> Columns:
     """Read detections of one sequence in the AB3DMOT text format.
 
     Its columns are frame, type (1 pedestrian, 2 car, 3 cyclist), x1, y1, x2, y2, score, h, w, l,
-    x, y, z, ry, alpha, separated by commas; alpha may be absent.
+    x, y, z, ry, alpha, separated by commas; alpha may be absent. Types become KITTI's own names.
 
     Raises:
         DataError: a broken line, an unknown type or a size that is not positive.
     """
     table = read_text_columns(path, _DETECTION, separator=",", optional=1)
-    boxes = _camera_boxes(table)
+    _check_boxes(table)
     known = np.isin(table["type"], list(DETECTOR_TYPES))
     table.refuse("type", ~known, f"one of {sorted(DETECTOR_TYPES)}")
     kind = np.array([DETECTOR_TYPES[number] for number in table["type"]], dtype=np.str_)
-    return DetectedBoxes(table["frame"], kind, table["score"], boxes)
+    return table.extended(type=kind)
 
 
-def _camera_boxes(table: Columns) -> CameraBoxes:
-    """Return the boxes of the rows, checked."""
+def _check_boxes(table: Columns) -> None:
     no_frame = (table["frame"] < 0) | (table["frame"] > MAX_FRAME)
     table.refuse("frame", no_frame, f"a frame number of 0 to {MAX_FRAME}")
     check_sizes(table, "h", "w", "l")
     check_ego_places(table, "x", "y", "z")
     check_headings(table, "ry")
+
+
+def camera_boxes(table: Columns) -> CameraBoxes:
+    """Return the boxes of the rows of a label or detection file."""
     return CameraBoxes(
         bottom_m=table.stacked(("x", "y", "z")),
         size_hwl_m=table.stacked(("h", "w", "l")),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import mmap
 import re
-from dataclasses import dataclass
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from mottrack.core.arrays import F64, I64
+from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import read_arrays, write_arrays
@@ -29,7 +29,7 @@ from mottrack.datasets.rigid import quaternion_yaws
 from mottrack.datasets.scene_boxes import DetectionTable
 from mottrack.formats.cache import cache_key, is_large
 from mottrack.formats.columns import Columns, ColumnSpec
-from mottrack.formats.faults import MissingError, OutOfOrderError, TruncatedError
+from mottrack.formats.faults import MissingError, TruncatedError
 from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, Row, json_array, json_arrays
 
 MAX_SPEED_MPS = 200.0
@@ -68,7 +68,7 @@ class DetectionFile:
 
     @cached_property
     def _spans(self) -> dict[str, tuple[int, int]]:
-        return indexed(self._path, self._cache_dir).spans()
+        return sample_spans(self._path, self._cache_dir)
 
     def __contains__(self, sample_token: str) -> bool:
         return sample_token in self._spans
@@ -166,47 +166,38 @@ def _velocities(rows: list[Row]) -> F64:
     return velocity
 
 
-@dataclass(frozen=True)
-class DetectionIndex:
-    """The lists of N samples: text of sample i is `file[start[i]:end[i]]`.
+def sample_spans(path: Path, cache_dir: Path | None) -> dict[str, tuple[int, int]]:
+    """Return where each sample's boxes are: `file[start:end]` by sample token.
 
-    It begins behind the opening bracket and runs to the next sample's name or the file's end.
-    """
-
-    token: NDArray[np.bytes_]
-    start: I64
-    end: I64
-
-    def spans(self) -> dict[str, tuple[int, int]]:
-        """Start and end by sample token."""
-        names = [token.decode(errors="replace") for token in self.token.tolist()]
-        spans = zip(self.start.tolist(), self.end.tolist(), strict=True)
-        return dict(zip(names, spans, strict=True))
-
-
-def indexed(path: Path, cache_dir: Path | None) -> DetectionIndex:
-    """Return the index of a file; that of a large one is kept in `cache_dir`.
+    The text begins behind the opening bracket of the list and runs to the next sample's name or
+    the file's end. The index of a large file is kept in `cache_dir`.
 
     Raises:
         DataError: missing file, no results, a cut end, or a sample that comes twice.
     """
     if not path.is_file():
         raise MissingError(path, "file", "missing", "a detection file")
+    index = _index(path, cache_dir)
+    names = [token.decode(errors="replace") for token in index["token"].tolist()]
+    spans = zip(index["start"].tolist(), index["end"].tolist(), strict=True)
+    return dict(zip(names, spans, strict=True))
+
+
+def _index(path: Path, cache_dir: Path | None) -> dict[str, NDArray[Any]]:
     if cache_dir is None or not is_large([path]):
         return _scan(path)
     entry = cache_dir / f"detections-{cache_key([path])}.npz"
     try:
-        return DetectionIndex(**read_arrays(entry))
+        return read_arrays(entry)
     except ResultError:
         index = _scan(path)
-    try:
-        write_arrays(entry, {"token": index.token, "start": index.start, "end": index.end})
-    except OSError:
-        return index  # a cache that can't be written is done without
+    with suppress(OSError):  # a cache that can't be written is done without
+        write_arrays(entry, index)
     return index
 
 
-def _scan(path: Path) -> DetectionIndex:
+def _scan(path: Path) -> dict[str, NDArray[Any]]:
+    """Return `token`, `start` and `end` (N,) of the lists of N samples."""
     if not path.stat().st_size:
         raise TruncatedError(path, "size in bytes", 0, "a detection file")
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
@@ -218,15 +209,14 @@ def _scan(path: Path) -> DetectionIndex:
         token = [match.group(1) for match in found]
         start = [match.end() for match in found]
         end = [match.start(1) - 1 for match in found[1:]] + [len(text)] * bool(found)
-    if len(set(token)) != len(token):
-        repeated = next(name for i, name in enumerate(token) if name in token[:i])
-        field = f"results[{repeated.decode(errors='replace')}]"
-        raise OutOfOrderError(path, field, "repeated", "each sample once")
-    return DetectionIndex(
-        np.array(token, dtype=np.bytes_),
-        np.array(start, dtype=np.int64),
-        np.array(end, dtype=np.int64),
-    )
+    index = {
+        "token": np.array(token, dtype=np.bytes_),
+        "start": np.array(start, dtype=np.int64),
+        "end": np.array(end, dtype=np.int64),
+    }
+    rows = Columns(path, index, index["token"], lambda _, token: f"results[{token.decode()}]")
+    rows.refuse_repeated("token", index["token"], "each sample once")
+    return index
 
 
 def _check_envelope(path: Path, text: mmap.mmap) -> None:

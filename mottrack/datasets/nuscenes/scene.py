@@ -1,4 +1,4 @@
-"""One nuScenes scene."""
+"""One nuScenes scene: its sweeps, truth at key frames and, on request, between them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import Frame, Pose, Sweep, Truth, TruthTable
+from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import I64
+from mottrack.core.pose import wrap_angle
 from mottrack.datasets.checks import check_interval, check_points, read_float_rows
-from mottrack.datasets.nuscenes.config import CLASSES, NuScenesConfig
+from mottrack.datasets.nuscenes.config import CATEGORY_MAP, CLASSES, NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.records import SceneRecord
-from mottrack.datasets.nuscenes.truth import interpolated_truth, key_frame_truth
-from mottrack.datasets.rigid import quaternion_pose
-from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.rigid import quaternion_pose, quaternion_yaws
+from mottrack.datasets.scene_boxes import (
+    DetectionTable,
+    centred_velocities,
+    objects_of,
+    truth_of,
+)
 from mottrack.datasets.scenes import checked_index
 from mottrack.formats.files import inside
 from mottrack.formats.nuscenes_tables import text_of
@@ -77,7 +82,7 @@ class NuScenesScene:
         return Frame(
             stamp_ns=stamp_ns,
             world_T_ego=self._pose(sweep),
-            detections=objects_of(self._detections, sample, stamp_ns) if key else None,
+            detections=self._detections_at(sample, stamp_ns) if key else None,
             truth=self._truth_at(sample, stamp_ns),
             is_key=key,
             token=self._record.sample_token[sample].decode() if key else "",
@@ -141,14 +146,15 @@ class NuScenesScene:
     def _truth(self) -> TruthTable | None:
         return key_frame_truth(self._record)
 
+    def _detections_at(self, sample: int, stamp_ns: int) -> Objects | None:
+        velocities = self._config.detector_velocity
+        return objects_of(self._detections, sample, stamp_ns, velocities=velocities)
+
     @cached_property
     def _detections(self) -> DetectionTable | None:
         if self._detection_file is None:
             return None
-        table = self._detection_file.table(text_of(self._record.sample_token))
-        if table is None or self._config.detector_velocity:
-            return table
-        return table.without_velocity()
+        return self._detection_file.table(text_of(self._record.sample_token))
 
 
 def chosen_sweeps(sweep_sample: I64, rate_hz: int) -> I64:
@@ -167,3 +173,59 @@ def chosen_sweeps(sweep_sample: I64, rate_hz: int) -> I64:
     every = np.arange(keys[-1] + 1, dtype=np.int64)
     to_next_key = keys[np.searchsorted(keys, every)] - every
     return np.compress(to_next_key % (RATE_HZ // rate_hz) == 0, every)
+
+
+def key_frame_truth(record: SceneRecord) -> TruthTable | None:
+    """Return the annotations, `frame` counting key frames; None where nobody annotated.
+
+    Velocities follow nuScenes' own rule: the difference of the neighbouring annotations'
+    positions, centred where both exist, unknown over more than 1.5 s (3 s centred).
+    """
+    if not record.annotated[0]:
+        return None
+    key_stamp_us = record.sweep_stamp_us[record.sweep_sample >= 0]
+    stamp_ns = key_stamp_us[record.box_sample] * 1000
+    categories = text_of(record.box_category)
+    return TruthTable(
+        frame=record.box_sample,
+        id=record.box_instance,
+        label=np.array([CATEGORY_MAP.get(name, name) for name in categories], dtype=np.str_),
+        centre_m=record.box_centre_m,
+        size_m=record.box_size_wlh_m[:, [1, 0, 2]],
+        yaw_rad=wrap_angle(quaternion_yaws(record.box_rotation)),
+        velocity_mps=centred_velocities(record.box_instance, stamp_ns, record.box_centre_m),
+        num_points=record.box_points,
+        interpolated=np.zeros(len(stamp_ns), dtype=bool),
+    )
+
+
+def interpolated_truth(
+    table: TruthTable, key_frame: int, key_stamp_ns: I64, stamp_ns: int
+) -> Truth:
+    """Return the truth between two key frames, of the objects annotated in both.
+
+    Args:
+        table: truth at key frames.
+        key_frame: the last key frame before `stamp_ns`; there is one after it.
+        key_stamp_ns: (K,) times of the key frames.
+        stamp_ns: the time wanted.
+    """
+    before, after = (table.select(table.frame == key) for key in (key_frame, key_frame + 1))
+    _, left, right = np.intersect1d(before.id, after.id, return_indices=True)
+    before, after = before.select(left), after.select(right)
+    elapsed_ns = int(key_stamp_ns[key_frame + 1] - key_stamp_ns[key_frame])
+    share = (stamp_ns - int(key_stamp_ns[key_frame])) / elapsed_ns
+    moved = after.centre_m - before.centre_m
+    turned = wrap_angle(after.yaw_rad - before.yaw_rad)
+    return Truth(
+        stamp_ns=stamp_ns,
+        frame="world",
+        centre_m=before.centre_m + share * moved,
+        size_m=before.size_m,
+        yaw_rad=wrap_angle(before.yaw_rad + share * turned),
+        label=before.label,
+        id=before.id,
+        velocity_mps=moved[:, :2] / (elapsed_ns * 1e-9),
+        num_points=np.full(len(left), -1),
+        interpolated=np.ones(len(left), dtype=bool),
+    )

@@ -1,20 +1,32 @@
-"""The text files of an own log: poses, labelled boxes, detections."""
+"""The files of an own log: poses, labelled boxes, detections and sweeps."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mottrack.core import Pose, TruthTable
-from mottrack.datasets.checks import check_ego_places, check_headings, check_sizes
+from mottrack.core import DataError, InputError, Pose, Sweep, TruthTable
+from mottrack.datasets.checks import (
+    check_ego_places,
+    check_headings,
+    check_interval,
+    check_points,
+    check_sizes,
+    read_float_rows,
+)
 from mottrack.datasets.rigid import quaternion_pose
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     centred_velocities,
     frames_at,
     to_world,
+    unknown_velocities,
 )
 from mottrack.formats.columns import Columns, ColumnSpec, specs
 from mottrack.formats.faults import OutOfOrderError
@@ -84,8 +96,15 @@ def read_detections_csv(path: Path, poses: Mapping[int, Pose]) -> DetectionTable
     centre_m, yaw_rad = to_world(
         table.stacked(_PLACE), table["yaw"], table["frame"], list(poses.values())
     )
-    size_m = table.stacked(_SIZE)
-    return DetectionTable(table["frame"], table["label"], table["score"], centre_m, size_m, yaw_rad)
+    return DetectionTable(
+        frame=table["frame"],
+        label=table["label"],
+        score=table["score"],
+        centre_m=centre_m,
+        size_m=table.stacked(_SIZE),
+        yaw_rad=yaw_rad,
+        velocity_mps=unknown_velocities(len(table)),
+    )
 
 
 def _in_frames(table: Columns, poses: Mapping[int, Pose]) -> Columns:
@@ -98,3 +117,49 @@ def _in_frames(table: Columns, poses: Mapping[int, Pose]) -> Columns:
     table.refuse("stamp_ns", frame < 0, "a stamp of poses.csv")
     order = np.argsort(frame, kind="stable")
     return table.select(order).extended(frame=frame[order])
+
+
+def sweep_file(folder: Path, stamp_ns: int) -> Path:
+    """Return the npz of a stamp where there is one, else the bin."""
+    npz = folder / f"{stamp_ns}.npz"
+    return npz if npz.is_file() else folder / f"{stamp_ns}.bin"
+
+
+def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: Sequence[float]) -> Sweep:
+    """Read one sweep; `origin_m` (3,) is the LiDAR's optical centre in the ego frame.
+
+    Raises:
+        DataError: missing or damaged file, a value that is not finite or out of range.
+    """
+    arrays = _npz(path) if path.suffix == ".npz" else _bin(path)
+    check_points(path, arrays["xyz_m"])
+    check_interval(path, "reflectance", arrays["reflectance"], 1.0)
+    try:
+        return Sweep(
+            stamp_ns=stamp_ns, world_T_ego=world_T_ego, origin_m=np.array(origin_m), **arrays
+        )
+    except InputError as error:
+        raise DataError(path, error.field, error.value, error.expected) from error
+
+
+def _bin(path: Path) -> dict[str, NDArray[Any]]:
+    values = read_float_rows(path, 4)
+    return {"xyz_m": values[:, :3], "reflectance": values[:, 3]}
+
+
+def _npz(path: Path) -> dict[str, NDArray[Any]]:
+    wanted = {"xyz_m", "reflectance", "time_offset_ns", "ring"}
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files if name in wanted}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise DataError(path, "content", f"unreadable ({error})", "an npz file") from error
+    for name, dimensions in (("xyz_m", 2), ("reflectance", 1)):
+        array = arrays.get(name)
+        if array is None or array.ndim != dimensions or array.dtype.kind not in "fiu":
+            found = "missing" if array is None else f"{array.dtype} {array.shape}"
+            raise DataError(path, name, found, "xyz_m (N, 3) and reflectance (N,) numbers")
+    if arrays["xyz_m"].shape[1] != 3 or len(arrays["xyz_m"]) != len(arrays["reflectance"]):
+        shapes = f"{arrays['xyz_m'].shape}, {arrays['reflectance'].shape}"
+        raise DataError(path, "shapes", shapes, "(N, 3), (N,)")
+    return arrays
