@@ -60,7 +60,7 @@ def objects_of(
         table: detections of the scene.
         frame: index of the frame.
         stamp_ns: its time.
-        velocities: hand on the detector's own velocities as measurements.
+        velocities: whether the detector's own velocities are measurements.
     """
     if table is None:
         return None
@@ -85,7 +85,7 @@ def _detector_velocity(velocity_mps: F64) -> VelocityMeasurement:
 
 
 def truth_of(table: TruthTable | None, frame: int, stamp_ns: int) -> Truth | None:
-    """Return the truth of one frame; None where nobody annotated the scene.
+    """Return the truth of one frame; None where the scene is not annotated.
 
     Args:
         table: truth of the scene, sorted by frame.
@@ -135,8 +135,8 @@ def centred_velocities(track_id: I64, stamp_ns: I64, position_m: F64) -> F64:
     """Return (N, 2) ground velocities in m/s of N labelled boxes given in the world frame.
 
     Between two neighbours of the same track the difference is centred, at a track's ends it is
-    one-sided; a box alone in its track, or with a gap over `MAX_GAP_S`, has velocity NaN: the
-    label says nothing about it, and zero would be a claim.
+    one-sided; a box alone in its track, or with a gap over `MAX_GAP_S`, has velocity NaN: it is
+    unknown, which zero would not say.
 
     Args:
         track_id: (N,) which track each box belongs to.

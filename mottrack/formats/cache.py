@@ -14,7 +14,7 @@ from pathlib import Path
 LAYOUT = "1"
 """Version of the entries' content: raise it when the arrays that are stored change."""
 LARGE_BYTES = 64 * 2**20
-"""64 MiB of JSON are parsed in less than a second; an index of less is not worth its file."""
+"""64 MiB of JSON are parsed in less than a second; an index of less saves nothing."""
 
 
 def cache_folder(chosen: Path | None = None) -> Path:

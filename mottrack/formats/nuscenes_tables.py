@@ -27,8 +27,8 @@ Thinning = Callable[[bytes], bytes]
 """Takes the text of an array of records and returns one of fewer records."""
 _BLOCK_BYTES = 2**20
 """Text parsed at a time: large enough that orjson's speed counts, small beside other memory."""
-_PATIENCE_BLOCKS = 4
-"""Text that does not parse after so many more blocks is damaged, not cut in an unlucky place."""
+_MAX_UNPARSED_BLOCKS = 4
+"""Text that does not parse after so many more blocks is damaged, not cut inside a record."""
 _BLOCK_ROWS = 20_000
 """Records held as dictionaries before they become arrays: about 20 MB."""
 _BETWEEN_RECORDS = re.compile(rb"\}\s*,\s*\{")
@@ -203,7 +203,7 @@ def stream_table(
                 yield from rows
                 done += cut
                 rest = rest[cut:]
-            elif len(rest) > _PATIENCE_BLOCKS * block_bytes:
+            elif len(rest) > _MAX_UNPARSED_BLOCKS * block_bytes:
                 break
     yield from _parse(path, rest, done, thin)
 

@@ -86,7 +86,7 @@ def flip(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def read_frames(dataset: Dataset) -> list[np.ndarray]:
-    """What the first scene says without its sweeps, as arrays."""
+    """Return poses and boxes of the first scene as arrays."""
     scene = dataset.scene(dataset.scene_names[0])
     values: list[np.ndarray] = []
     for index in range(len(scene)):

@@ -176,7 +176,7 @@ def chosen_sweeps(sweep_sample: I64, rate_hz: int) -> I64:
 
 
 def key_frame_truth(record: SceneRecord) -> TruthTable | None:
-    """Return the annotations, `frame` counting key frames; None where nobody annotated.
+    """Return the annotations, `frame` counting key frames; None without annotations.
 
     Velocities follow nuScenes' own rule: the difference of the neighbouring annotations'
     positions, centred where both exist, unknown over more than 1.5 s (3 s centred).

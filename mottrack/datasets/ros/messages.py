@@ -96,5 +96,5 @@ def _stamp_ns(message: Any) -> int:
 def _pose_values(message: Any) -> list[float]:
     """Return the quaternion w, x, y, z and the position x, y, z."""
     pose = message.pose.pose
-    turn, place = pose.orientation, pose.position
-    return [turn.w, turn.x, turn.y, turn.z, place.x, place.y, place.z]
+    q, p = pose.orientation, pose.position
+    return [q.w, q.x, q.y, q.z, p.x, p.y, p.z]

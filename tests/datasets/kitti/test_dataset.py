@@ -1,4 +1,4 @@
-"""The KITTI reader: what it reads, and what it says about damaged files."""
+"""The KITTI reader, and its errors on damaged files."""
 
 from pathlib import Path
 
