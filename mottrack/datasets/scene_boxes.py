@@ -8,11 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from mottrack.core import Objects, Pose, Sweep, Truth, TruthTable, VelocityMeasurement
+from mottrack.core import Objects, Pose, Truth, TruthTable, VelocityMeasurement
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.pose import wrap_angle
 from mottrack.core.tables import Table
-from mottrack.lidar.in_boxes import points_in_boxes
 
 DETECTOR_VELOCITY_STD_MPS = 1.0
 """Files of detections carry no uncertainty; a tracker that wants another value sets its own."""
@@ -155,19 +154,6 @@ def centred_velocities(track_id: I64, stamp_ns: I64, position_m: F64) -> F64:
     velocity = np.full((len(ids), 2), np.nan)
     velocity[order[known]] = (xy[after] - xy[before])[known] / elapsed_s[known, None]
     return velocity
-
-
-def counted_points(truth: Truth, sweep: Sweep | None) -> I64:
-    """Return (N,) LiDAR returns in each box: as the labels say, else counted in the sweep.
-
-    Where neither is known the count is 0.
-    """
-    known = truth.num_points >= 0
-    if known.all() or sweep is None:
-        return np.where(known, truth.num_points, 0)
-    ego = truth.transformed(sweep.world_T_ego.inverse(), "ego")
-    found = points_in_boxes(sweep.xyz_m, ego.centre_m, ego.size_m, ego.yaw_rad)
-    return np.where(known, truth.num_points, np.diff(found.start))
 
 
 def unknown_velocities(count: int) -> F64:

@@ -21,8 +21,8 @@ from mottrack.datasets.argoverse2.log_files import (
     TRANSLATION,
     UP_LIDAR,
 )
+from mottrack.datasets.counting import counted_points
 from mottrack.datasets.rigid import quaternion_wxyz, yaw_quaternions
-from mottrack.datasets.scene_boxes import counted_points
 
 _ARGOVERSE = {category: label for category, label in CLASS_MAP.items() if category.isupper()}
 CATEGORY_OF = {label: category for category, label in reversed(_ARGOVERSE.items())} | {

@@ -7,15 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import Boxes, Frame, InputError, Objects, Pose, Scene, Sweep, TrackTable, Truth
+from mottrack.core import Frame, InputError, Objects, Pose, Scene, Sweep, Truth
 from mottrack.core.arrays import F64
 from mottrack.core.storage import write_bytes
+from mottrack.datasets.counting import counted_points
 from mottrack.datasets.nuscenes.config import DETECTION_NAMES
 from mottrack.datasets.nuscenes.records import CHANNEL
 from mottrack.datasets.nuscenes.scene import INTENSITY_MAX
 from mottrack.datasets.nuscenes.static_rows import attribute_of, category_of, token_of
-from mottrack.datasets.rigid import quaternion_wxyz, yaw_quaternions
-from mottrack.datasets.scene_boxes import counted_points
+from mottrack.datasets.nuscenes.submission import box_geometry
+from mottrack.datasets.rigid import quaternion_wxyz
 from mottrack.formats.nuscenes_tables import Row
 
 EGO_R_LIDAR = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -147,19 +148,6 @@ class SceneRows:
                 "description": "written by mottrack",
             }
         )
-
-
-def box_geometry(boxes: Boxes | TrackTable) -> list[Row]:
-    """Return translation, size (w, l, h) and rotation (w, x, y, z) of N boxes in the world."""
-    rotation = yaw_quaternions(boxes.yaw_rad)
-    return [
-        {
-            "translation": boxes.centre_m[i].tolist(),
-            "size": boxes.size_m[i, [1, 0, 2]].tolist(),
-            "rotation": rotation[i].tolist(),
-        }
-        for i in range(len(boxes.yaw_rad))
-    ]
 
 
 def detection_rows(sample: str, found: Objects) -> list[Row]:

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import orjson
 
-from mottrack.core import DataError, InputError, SceneResult, TrackTable
+from mottrack.core import Boxes, DataError, InputError, SceneResult, TrackTable
 from mottrack.core.arrays import I64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.nuscenes.config import CLASSES
-from mottrack.datasets.nuscenes.scene_rows import box_geometry
+from mottrack.datasets.rigid import yaw_quaternions
 from mottrack.formats.nuscenes_tables import Row
 
 MAX_BOXES = 500
@@ -91,3 +91,16 @@ def _best_scored(tracks: TrackTable, rows: I64) -> I64:
         return rows
     order = np.argsort(-tracks.score[rows], kind="stable")[:MAX_BOXES]
     return rows[np.sort(order)]
+
+
+def box_geometry(boxes: Boxes | TrackTable) -> list[Row]:
+    """Return translation, size (w, l, h) and rotation (w, x, y, z) of N boxes in the world."""
+    rotation = yaw_quaternions(boxes.yaw_rad)
+    return [
+        {
+            "translation": boxes.centre_m[i].tolist(),
+            "size": boxes.size_m[i, [1, 0, 2]].tolist(),
+            "rotation": rotation[i].tolist(),
+        }
+        for i in range(len(boxes.yaw_rad))
+    ]
