@@ -7,7 +7,6 @@ data set itself is never written to.
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -21,6 +20,7 @@ from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
 from mottrack.eval.nuscenes.groundtruth import TABLES, read_ground_truth
 from mottrack.eval.nuscenes.rules import Rules
+from mottrack.formats.cache import cache_folder
 from mottrack.formats.nuscenes_tables import table_path
 
 FORMAT = "mottrack ground truth 1"
@@ -37,7 +37,7 @@ def cached_ground_truth(
     rules = rules or Rules()
     source = fingerprint(dataroot, version)
     what = json.dumps([sorted(scene_names), list(rules.classes)])
-    path = _folder() / f"{_digest(str(dataroot.resolve()), version, what)}.npz"
+    path = cache_folder() / f"{_digest(str(dataroot.resolve()), version, what)}.npz"
     stored = _read(path, source)
     if stored is not None:
         return stored
@@ -50,11 +50,6 @@ def fingerprint(dataroot: Path, version: str) -> str:
     """Names, sizes and times of change of the tables, as text."""
     paths = [table_path(dataroot, version, name) for name in TABLES]
     return json.dumps([(p.name, p.stat().st_size, p.stat().st_mtime_ns) for p in paths])
-
-
-def _folder() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(os.environ.get("MOTTRACK_CACHE") or Path(base) / "mottrack")
 
 
 def _digest(*texts: str) -> str:

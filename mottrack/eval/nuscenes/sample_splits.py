@@ -5,17 +5,16 @@ from collections.abc import Collection
 from pathlib import Path
 
 from mottrack.formats.nuscenes_splits import best_split, splits_of
-from mottrack.formats.nuscenes_tables import read_table, select_rows
+from mottrack.formats.nuscenes_tables import NuScenesTables, RecordFilter
 
 
 def describe_samples(dataroot: Path, version: str, tokens: Collection[str]) -> str:
     """Where the samples come from, in words: the official splits that their scenes are in."""
     wanted = set(tokens)
-    scene_of = {
-        row["token"]: row["scene_token"]
-        for row in select_rows(dataroot, version, "sample", lambda row: row["token"] in wanted)
-    }
-    name_of = {row["token"]: row["name"] for row in read_table(dataroot, version, "scene")}
+    tables = NuScenesTables(dataroot, version)
+    samples = tables.rows("sample", RecordFilter({"token": wanted}))
+    scene_of = {row["token"]: row["scene_token"] for row in samples}
+    name_of = {row["token"]: row["name"] for row in tables.rows("scene")}
     scenes = Counter(name_of.get(scene, "an unknown scene") for scene in scene_of.values())
     told = []
     if scenes:

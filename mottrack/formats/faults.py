@@ -1,10 +1,12 @@
-"""What can be wrong with a file of a data set, by kind, so that a check can count the kinds."""
+"""Kinds of faults in the files of a data set, so that a check can count them by kind."""
 
 from __future__ import annotations
 
 from typing import ClassVar
 
 from mottrack.core.errors import DataError
+
+DAMAGED = "damaged"
 
 
 class FaultError(DataError):
@@ -38,20 +40,17 @@ class OutsideRootError(FaultError):
 
 
 class NotRigidError(FaultError):
-    """A rotation matrix or quaternion is none."""
+    """A matrix or quaternion is not a rotation."""
 
     kind: ClassVar[str] = "not a rotation"
 
 
 class OutOfOrderError(FaultError):
-    """Time does not increase, or the same time or name comes twice."""
+    """Time does not increase, or a time or a name is repeated."""
 
     kind: ClassVar[str] = "out of order"
 
 
-DAMAGED = "damaged"
-
-
-def kind_of(error: Exception) -> str:
-    """Return the kind of a fault; every other one is damage."""
+def kind_of(error: DataError) -> str:
+    """Return the kind of a fault; `DAMAGED` where the error names none."""
     return error.kind if isinstance(error, FaultError) else DAMAGED
