@@ -1,4 +1,4 @@
-"""Which boxes of a scene are errors: misses, false positives, switches, at the reported scores."""
+"""Errors of a scene box by box: misses, false positives, identity switches."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mottrack.eval.clear import Association, associate
 from mottrack.eval.pairs import BoxStream, Pairs
 from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_pairs
 
-NOBODY = -1
+NO_ID = -1
 
 
 @dataclass(frozen=True)
 class SceneError:
-    """One error, at a place in the world."""
+    """One error and its place."""
 
     frame: int
     """Row of the scene's FrameTable."""
@@ -29,32 +29,33 @@ class SceneError:
     """For a miss: "late start", "gap", "early end" or "never found"."""
     label: str
     truth_id: int
-    """NOBODY for a false positive."""
+    """NO_ID for a false positive."""
     track_id: int
-    """NOBODY for a miss."""
+    """NO_ID for a miss."""
     xy_m: tuple[float, float]
+    """Centre of the box, world frame."""
 
 
 def scene_errors(
-    result: SceneResult, cuts: Sequence[ScoreFilter], config: ScoreConfig
+    result: SceneResult, filters: Sequence[ScoreFilter], config: ScoreConfig
 ) -> list[SceneError]:
-    """Every error of a scene, frame by frame.
+    """List every error of a scene, ordered by frame.
 
     Args:
-        result: of the scene, where it is labelled.
-        cuts: class by class, which boxes count.
+        result: of the scene, restricted to what is labelled.
+        filters: per class, the boxes that are evaluated.
         config: how boxes are matched.
     """
     errors: list[SceneError] = []
-    for cut in cuts:
-        pairs = scene_pairs(result, cut, config).within(config.gate)
+    for score_filter in filters:
+        pairs = scene_pairs(result, score_filter, config).within(config.gate)
         errors += _Listing.of(result, pairs).errors()
     return sorted(errors, key=lambda e: (e.frame, e.kind, e.label, e.truth_id, e.track_id))
 
 
 @dataclass(frozen=True)
 class _Listing:
-    """The pairs of one class, what was matched, and where the boxes are in the result's tables."""
+    """The pairs of one class, the matches, and the rows of the boxes in the result's tables."""
 
     result: SceneResult
     pairs: Pairs
@@ -64,11 +65,9 @@ class _Listing:
 
     @classmethod
     def of(cls, result: SceneResult, pairs: Pairs) -> _Listing:
-        rows = (
-            _rows_of(pairs.truth, result.truth),
-            _rows_of(pairs.tracks, result.tracks),
-        )
-        return cls(result, pairs, associate(pairs), *rows)
+        truth_row = _rows_of(pairs.truth, result.truth)
+        track_row = _rows_of(pairs.tracks, result.tracks)
+        return cls(result, pairs, associate(pairs), truth_row, track_row)
 
     def errors(self) -> list[SceneError]:
         hit = self.matched.track_row
@@ -84,7 +83,7 @@ class _Listing:
     def _of_truth(self, kind: str, row: int, detail: str) -> SceneError:
         truth, at = self.result.truth, self.truth_row[row]
         hit = int(self.matched.track_row[row])
-        track = NOBODY if hit < 0 else int(self.pairs.tracks.id[hit])
+        track = NO_ID if hit < 0 else int(self.pairs.tracks.id[hit])
         return SceneError(
             frame=int(truth.frame[at]),
             kind=kind,
@@ -102,7 +101,7 @@ class _Listing:
             kind="false positive",
             detail="",
             label=str(tracks.label[at]),
-            truth_id=NOBODY,
+            truth_id=NO_ID,
             track_id=int(tracks.id[at]),
             xy_m=(float(tracks.centre_m[at, 0]), float(tracks.centre_m[at, 1])),
         )
@@ -121,7 +120,7 @@ def miss_details(truth: BoxStream, hit: Mask) -> Texts:
     return np.select(conditions, ["never found", "late start", "early end"], "gap")
 
 
-def _rows_of(side: BoxStream, table: TruthTable | TrackTable) -> I64:
-    """(N,) row of the table that each box of the side is: an identity occurs once a frame."""
+def _rows_of(boxes: BoxStream, table: TruthTable | TrackTable) -> I64:
+    """Return (N,) the table row of each box: an identity occurs once per frame."""
     place = {key: row for row, key in enumerate(zip(table.frame, table.id, strict=True))}
-    return np.array([place[key] for key in zip(side.frame, side.id, strict=True)], np.int64)
+    return np.array([place[key] for key in zip(boxes.frame, boxes.id, strict=True)], np.int64)

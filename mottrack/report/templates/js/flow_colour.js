@@ -1,4 +1,4 @@
-// The Middlebury colour code of flow: hue is direction, paleness is slow (viz/colour_wheel.py).
+// Middlebury colour code of flow: hue is direction, saturation is speed (as viz/colour_wheel.py).
 const FULL_COLOUR_MPS = 15;
 const ARCS = [
   [[255, 0, 0], [255, 255, 0], 15], [[255, 255, 0], [0, 255, 0], 6], [[0, 255, 0], [0, 255, 255], 4],
