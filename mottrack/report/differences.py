@@ -25,7 +25,7 @@ class ShownDifference(NamedTuple):
     """The subset of the data, in brackets after the name."""
     official: bool = False
     """Whether nuScenes defines a metric of that name that differs from the one of all boxes."""
-    count: bool = False
+    is_count: bool = False
     """Whether it is a count, printed without decimals."""
 
     @property
@@ -39,10 +39,10 @@ SHOWN = {
     MetricKey("tracking", "all", "AMOTP"): ShownDifference("AMOTP"),
     MetricKey("tracking", "all", "MOTA"): ShownDifference("MOTA", official=True),
     MetricKey("tracking", "all", "MOTP"): ShownDifference("MOTP", official=True),
-    MetricKey("tracking", "all", "IDS"): ShownDifference("identity switches", count=True),
+    MetricKey("tracking", "all", "IDS"): ShownDifference("identity switches", is_count=True),
     MetricKey("velocity", "all", "mean"): ShownDifference("velocity error", "all"),
     MetricKey("velocity", "all", "worst 5 %"): ShownDifference("velocity error", "worst 5 %"),
-    MetricKey("velocity", STATIC, "mean"): ShownDifference("velocity error", STATIC),
+    MetricKey("velocity", STATIC, "mean"): ShownDifference("velocity error", "unlabelled tracks"),
     MetricKey("velocity", VULNERABLE, "mean"): ShownDifference("velocity error", VULNERABLE),
     MetricKey("velocity", STATIONARY, "mean"): ShownDifference(
         "velocity error", "stationary objects"
@@ -84,7 +84,7 @@ class Whisker:
 
     def number(self, value: float, sign: str = "") -> str:
         """Print a value of the metric, with its sign if ``sign`` is ``"+"``."""
-        digits = 3 if not self.shown.count else 0 if value.is_integer() else 1
+        digits = 3 if not self.shown.is_count else 0 if value.is_integer() else 1
         return f"{value:{sign}.{digits}f}".replace("-", "−")
 
 

@@ -23,7 +23,7 @@ def boxes(rows: list[tuple[int, int, float]]) -> dict[str, np.ndarray]:
 
 
 def scene() -> SceneResult:
-    """Return a scene with a late start, a gap, a switch, an early end, a miss and a false positive."""
+    """Return a scene with every type of miss, a switch and a false positive."""
     truth = boxes([(f, 1, 10.0) for f in range(7)] + [(2, 2, 30.0)])
     tracks = boxes([(1, 7, 10.0), (2, 7, 10.0), (4, 9, 10.0), (5, 9, 10.0), (5, 8, -20.0)])
     frames = FrameTable(
