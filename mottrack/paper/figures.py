@@ -9,12 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mottrack.core.motion import FlowField
-from mottrack.core.objects import Tracks
-from mottrack.core.pose import Pose
-from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots
-from mottrack.core.sweep import Sweep
 from mottrack.paper.ball_figure import draw_ball
 from mottrack.paper.plan import WORLD
 from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
@@ -92,7 +87,7 @@ def _integration(study: StudyResult) -> Drawn:
     for variant in (NONE, PILLARFLOW):
         result = study.folders[variant].load(scene)
         shot = _last_snapshot(study, variant, scene)
-        panels.append(_panel(_capital(TITLES[variant]), result, shot))
+        panels.append(IntegrationPanel(_capital(TITLES[variant]), result, shot))
     caption = (
         "Figure 4, tracker integration. Clusters and the fixed-lag smoother without velocities "
         f"and with PillarFlow's at the last frame of scene {scene}, the one with most clusters: "
@@ -146,43 +141,3 @@ def _last_snapshot(study: StudyResult, variant: str, scene: str) -> Snapshot:
 
 def _capital(text: str) -> str:
     return text[0].upper() + text[1:]
-
-
-def _panel(title: str, result: SceneResult, shot: Snapshot) -> IntegrationPanel:
-    pose = Pose.from_matrix(result.frames.world_T_ego[shot.frame])
-    stamp_ns = int(result.frames.stamp_ns[shot.frame])
-    sweep = Sweep(shot.xyz_m, np.zeros(len(shot.xyz_m), np.float32), stamp_ns, pose)
-    field = _field(shot, stamp_ns) if shot.valid.any() else None
-    return IntegrationPanel(title, sweep, _tracks(result, shot.frame, stamp_ns), field)
-
-
-def _field(shot: Snapshot, stamp_ns: int) -> FlowField:
-    occupied = np.zeros(shot.grid.shape, np.bool_)
-    valid, velocity = occupied.copy(), np.zeros((*shot.grid.shape, 2), np.float32)
-    rows, columns = shot.cells.T
-    occupied[rows, columns], valid[rows, columns] = True, shot.valid
-    velocity[rows, columns] = shot.velocity_mps
-    covariance = np.zeros((*shot.grid.shape, 2, 2), np.float32)
-    weight = occupied.astype(np.float32)
-    return FlowField(shot.grid, velocity, covariance, occupied, valid, weight, stamp_ns)
-
-
-def _tracks(result: SceneResult, frame: int, stamp_ns: int) -> Tracks:
-    rows = np.flatnonzero(result.tracks.frame == frame)
-    table = result.tracks.select(rows)
-    hulls = result.hulls
-    return Tracks(
-        stamp_ns=stamp_ns,
-        centre_m=table.centre_m,
-        size_m=table.size_m,
-        yaw_rad=table.yaw_rad,
-        label=table.label,
-        id=table.id,
-        score=table.score,
-        velocity_mps=table.velocity_mps,
-        velocity_covariance_m2ps2=table.velocity_covariance_m2ps2,
-        state=np.zeros((len(table), 1)),
-        covariance=np.ones((len(table), 1, 1)),
-        observed=table.observed,
-        hull=tuple(hulls[row] for row in rows),
-    )

@@ -19,7 +19,7 @@ from mottrack.report.player_scenes import contents, select_scenes
 from mottrack.report.ranking import ReportRun
 from mottrack.report.summary import headlines, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
-from mottrack.report.timing import BUDGET_MS, TIMING, Timing, stages_of, time_bars, time_rows
+from mottrack.report.timing import BUDGET_MS, TIMING, Timing, stages_of, time_rows, widest_ms
 from mottrack.runs.comparison import Comparison
 
 TEMPLATE = "report.html.j2"
@@ -123,7 +123,8 @@ def _times(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[
     return {
         "budget_ms": BUDGET_MS,
         "stages": stages_of(timings),
-        "time_bars": time_bars(runs, timings),
+        "timings": [(r.title, t) for r, t in zip(runs, timings, strict=True) if t is not None],
+        "widest_ms": widest_ms(timings),
         "time_rows": time_rows(runs, timings),
     }
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mottrack.core.arrays import I64, Mask, Texts
 from mottrack.core.result import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.eval.clear import Association, associate
-from mottrack.eval.pairs import BoxStream, Pairs
+from mottrack.eval.clear import associate
+from mottrack.eval.pairs import BoxStream
 from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_pairs
 
 NO_ID = -1
@@ -49,62 +49,32 @@ def scene_errors(
     errors: list[SceneError] = []
     for score_filter in filters:
         pairs = scene_pairs(result, score_filter, config).within(config.gate)
-        errors += _Listing.of(result, pairs).errors()
+        truth = result.truth.select(_rows_of(pairs.truth, result.truth))
+        tracks = result.tracks.select(_rows_of(pairs.tracks, result.tracks))
+        matched = associate(pairs)
+        hit = matched.track_row
+        details = miss_details(pairs.truth, hit >= 0)
+        missed, switched = np.flatnonzero(hit < 0).tolist(), np.flatnonzero(matched.switched)
+        errors += [_error(truth, row, "miss", str(details[row])) for row in missed]
+        for row in switched.tolist():
+            track_id = int(tracks.id[hit[row]])
+            errors.append(replace(_error(truth, row, "switch"), track_id=track_id))
+        false = np.setdiff1d(np.arange(len(tracks)), hit).tolist()
+        errors += [_error(tracks, row, "false positive") for row in false]
     return sorted(errors, key=lambda e: (e.frame, e.kind, e.label, e.truth_id, e.track_id))
 
 
-@dataclass(frozen=True)
-class _Listing:
-    """The pairs of one class, the matches, and the rows of the boxes in the result's tables."""
-
-    result: SceneResult
-    pairs: Pairs
-    matched: Association
-    truth_row: I64
-    track_row: I64
-
-    @classmethod
-    def of(cls, result: SceneResult, pairs: Pairs) -> _Listing:
-        truth_row = _rows_of(pairs.truth, result.truth)
-        track_row = _rows_of(pairs.tracks, result.tracks)
-        return cls(result, pairs, associate(pairs), truth_row, track_row)
-
-    def errors(self) -> list[SceneError]:
-        hit = self.matched.track_row
-        missed, switched = np.flatnonzero(hit < 0), np.flatnonzero(self.matched.switched)
-        false = np.setdiff1d(np.arange(len(self.pairs.tracks)), hit)
-        details = miss_details(self.pairs.truth, hit >= 0)
-        return (
-            [self._of_truth("miss", int(row), details[row]) for row in missed]
-            + [self._of_truth("switch", int(row), "") for row in switched]
-            + [self._false_positive(int(row)) for row in false]
-        )
-
-    def _of_truth(self, kind: str, row: int, detail: str) -> SceneError:
-        truth, at = self.result.truth, self.truth_row[row]
-        hit = int(self.matched.track_row[row])
-        track = NO_ID if hit < 0 else int(self.pairs.tracks.id[hit])
-        return SceneError(
-            frame=int(truth.frame[at]),
-            kind=kind,
-            detail=detail,
-            label=str(truth.label[at]),
-            truth_id=int(truth.id[at]),
-            track_id=track,
-            xy_m=(float(truth.centre_m[at, 0]), float(truth.centre_m[at, 1])),
-        )
-
-    def _false_positive(self, row: int) -> SceneError:
-        tracks, at = self.result.tracks, self.track_row[row]
-        return SceneError(
-            frame=int(tracks.frame[at]),
-            kind="false positive",
-            detail="",
-            label=str(tracks.label[at]),
-            truth_id=NO_ID,
-            track_id=int(tracks.id[at]),
-            xy_m=(float(tracks.centre_m[at, 0]), float(tracks.centre_m[at, 1])),
-        )
+def _error(boxes: TruthTable | TrackTable, row: int, kind: str, detail: str = "") -> SceneError:
+    identity, of_truth = int(boxes.id[row]), isinstance(boxes, TruthTable)
+    return SceneError(
+        frame=int(boxes.frame[row]),
+        kind=kind,
+        detail=detail,
+        label=str(boxes.label[row]),
+        truth_id=identity if of_truth else NO_ID,
+        track_id=NO_ID if of_truth else identity,
+        xy_m=(float(boxes.centre_m[row, 0]), float(boxes.centre_m[row, 1])),
+    )
 
 
 def miss_details(truth: BoxStream, hit: Mask) -> Texts:

@@ -27,11 +27,6 @@ class SummaryMetric:
     difference: MetricKey | None = None
     """Under which its differences to the baseline are listed; None where there are none."""
 
-    @property
-    def title(self) -> str:
-        """Heading of its card."""
-        return self.shown.title
-
 
 @dataclass(frozen=True)
 class Bar:
@@ -55,37 +50,30 @@ class MetricCard:
 
 
 def _tracking(key: str, difference: MetricKey | None = None) -> SummaryMetric:
-    info = INFO[key]
-
     def value(run: ReportRun, _: Analysis) -> float:
         return run.scored.scores.overall.as_dict().get(key, NAN)
 
-    return SummaryMetric(info, ShownDifference(info.name), value, difference)
+    return SummaryMetric(INFO[key], ShownDifference(INFO[key].name), value, difference)
 
 
 def _velocity(row: str) -> SummaryMetric:
-    key = MetricKey("velocity", row, "mean")
-
     def value(run: ReportRun, _: Analysis) -> float:
         return run.scored.velocity_error(row).mean_mps
 
+    key = MetricKey("velocity", row, "mean")
     return SummaryMetric(INFO["mean_mps"], SHOWN[key], value, key)
 
 
-def _flow(row: str) -> SummaryMetric:
-    key = MetricKey("flow", row, "RMSE")
-
-    def value(run: ReportRun, _: Analysis) -> float:
-        error = run.scored.scores.flow.get(row)
-        return NAN if error is None else error.rmse_mps
-
-    return SummaryMetric(INFO["rmse_mps"], SHOWN[key], value, key)
+def _flow(run: ReportRun, _: Analysis) -> float:
+    error = run.scored.scores.flow.get("dynamic")
+    return NAN if error is None else error.rmse_mps
 
 
 def _time(_: ReportRun, analysis: Analysis) -> float:
     return NAN if analysis.timing is None else analysis.timing.median_ms
 
 
+FLOW_KEY = MetricKey("flow", "dynamic", "RMSE")
 SCORED = (
     _tracking("amota", MetricKey("tracking", "all", "AMOTA")),
     _tracking("mota"),
@@ -93,7 +81,7 @@ SCORED = (
     _velocity("all"),
     _velocity(STATIC),
     _velocity(FAST),
-    _flow("dynamic"),
+    SummaryMetric(INFO["rmse_mps"], SHOWN[FLOW_KEY], _flow, FLOW_KEY),
 )
 TIME = SummaryMetric(TIMING, ShownDifference(TIMING.name), _time)
 

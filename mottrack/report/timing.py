@@ -43,6 +43,11 @@ class Timing:
     within_budget: float
     """Share of the key frames that took at most the budget."""
 
+    @property
+    def total_ms(self) -> float:
+        """Mean of the sum of all stages."""
+        return sum(self.stage_ms.values())
+
     @classmethod
     def of(cls, results: Sequence[SceneResult]) -> Timing | None:
         """Summarise all key frames of the scenes; return None where nothing was timed."""
@@ -62,31 +67,6 @@ class Timing:
         return cls(means, float(median), float(p95), float((total <= BUDGET_MS).mean()))
 
 
-@dataclass(frozen=True)
-class Part:
-    """One stage of a bar."""
-
-    percent: float
-    """Of the width of the plot."""
-    colour: int
-    words: str
-
-
-@dataclass(frozen=True)
-class TimeBar:
-    """Mean time of the stages of a run, stacked, beside the budget."""
-
-    run: ReportRun
-    parts: tuple[Part, ...]
-    budget_percent: float
-    total: str
-
-    @property
-    def words(self) -> str:
-        """Text alternative of the bar."""
-        return f"{self.run.title}: " + ", ".join(part.words for part in self.parts)
-
-
 def stages_of(timings: Sequence[Timing | None]) -> list[str]:
     """Return every stage that any run has, in the order of a step."""
     return sorted({stage for t in timings if t is not None for stage in t.stage_ms}, key=_place)
@@ -97,23 +77,10 @@ def _place(stage: str) -> tuple[int, str]:
     return ORDER.index(stage) if stage in ORDER else len(ORDER), stage
 
 
-def time_bars(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> list[TimeBar]:
-    """Return one bar per run on one scale; bars beyond the widest scale are cut off."""
-    totals = [sum(t.stage_ms.values()) for t in timings if t is not None]
-    scale = min(max([1.25 * BUDGET_MS, *totals]), WIDEST_BUDGETS * BUDGET_MS)
-    stages = stages_of(timings)
-    bars = []
-    for run, timing in zip(runs, timings, strict=True):
-        if timing is None:
-            continue
-        parts = [
-            Part(100 * ms / scale, stages.index(stage), f"{stage} {ms:.1f} ms")
-            for stage, ms in timing.stage_ms.items()
-        ]
-        total = sum(timing.stage_ms.values())
-        text = f"{total:.0f} ms" + (" »" if total > scale else "")
-        bars.append(TimeBar(run, tuple(parts), 100 * BUDGET_MS / scale, text))
-    return bars
+def widest_ms(timings: Sequence[Timing | None]) -> float:
+    """Return the time at the right end of the plot; longer bars are cut off."""
+    totals = [t.total_ms for t in timings if t is not None]
+    return min(max([1.25 * BUDGET_MS, *totals]), WIDEST_BUDGETS * BUDGET_MS)
 
 
 def time_rows(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> list[Row]:
