@@ -25,7 +25,7 @@ def report(
     ] = None,
     max_mb: Annotated[
         float, typer.Option("--max-mb", min=0.0, help="maximum size of the scenes in the page")
-    ] = 15.0,
+    ] = 15.0,  # report.page.MAX_MB, which would import the report
     baseline: Baseline = None,
 ) -> None:
     """Write the HTML report of a finished run or comparison from its stored results."""

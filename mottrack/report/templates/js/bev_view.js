@@ -14,6 +14,7 @@ const LAYERS = [
 const LIGHT = { ground: "#f6f7f8", rings: "#dde2e6", points: "#7b858e", still: "#59626b", truth: "#17924c", unseen: "#17924c", objects: "#64748b", tracks: "#d1570b", trails: "#e9a06f", velocities: "#d1570b", ids: "#a03f05", flow: "#6a5acd", miss: "#2a78bd", "false positive": "#c8402c", switch: "#8f5bbd", errors: "#2a78bd", ego: "#1c2329" };
 const DARK = { ground: "#0c0f12", rings: "#232a30", points: "#6a747d", still: "#6c7681", truth: "#43d17f", unseen: "#43d17f", objects: "#9fb0c3", tracks: "#ff9c56", trails: "#a3602f", velocities: "#ff9c56", ids: "#ffc298", flow: "#b3a6ff", miss: "#67a8e2", "false positive": "#ff7b66", switch: "#c99bf5", errors: "#67a8e2", ego: "#e6e9ec" };
 const palette = () => (theme.dark ? DARK : LIGHT);
+// Seconds of a trail; speed that is drawn as static (as viz/bev.py); distance of the rings; half height of the initial view.
 const TRAIL_S = 3, STILL_MPS = 0.3, RING_M = 20, FIRST_REACH_M = 42;
 
 class BevView {

@@ -10,7 +10,7 @@ const FAMILIES = [
   { name: "false positives", colour: "fp", kinds: ["duplicate", "wrong class", "near miss", "background"] },
   { name: "identity switches", colour: "switch", kinds: ["swap", "take-over", "re-identification"] },
 ];
-const MOST_DISTRIBUTIONS = 6;
+const MAX_DISTRIBUTIONS = 6; // the velocity categories without those by class
 
 class Plots {
   constructor(runs) {
@@ -77,9 +77,9 @@ class Plots {
     const holder = document.getElementById("distributions");
     if (!holder) return;
     const names = [...new Set(this.runs.flatMap((run) => Object.keys(run.velocity)))];
-    holder.replaceChildren(...names.slice(0, MOST_DISTRIBUTIONS).map((name) => {
+    holder.replaceChildren(...names.slice(0, MAX_DISTRIBUTIONS).map((name) => {
       const have = this.shown.filter((run) => run.velocity[name]);
-      const xEnd = Math.max(...have.map((run) => run.velocity[name][90]), 0.5);
+      const xEnd = Math.max(...have.map((run) => run.velocity[name][90]), 0.5); // up to the 90th percentile
       const series = have.map((run) => this.line(run, run.velocity[name].map((error, k) => [error, k / 100])));
       return lineChart({ title: name, xLabel: "velocity error, m/s", xEnd, yEnd: 1, series, read: share });
     }));
