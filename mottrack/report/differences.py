@@ -49,8 +49,8 @@ SHOWN = {
     ),
     MetricKey("velocity", SLOW, "mean"): ShownDifference("velocity error", "slow"),
     MetricKey("velocity", FAST, "mean"): ShownDifference("velocity error", "fast"),
-    MetricKey("flow", "dynamic", "RMSE"): ShownDifference("flow RMSE", "moving cells"),
-    MetricKey("flow", "static", "RMSE"): ShownDifference("flow RMSE", "standing cells"),
+    MetricKey("flow", "dynamic", "RMSE"): ShownDifference("flow RMSE", "dynamic cells"),
+    MetricKey("flow", "static", "RMSE"): ShownDifference("flow RMSE", "static cells"),
 }
 
 

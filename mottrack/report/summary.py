@@ -165,7 +165,7 @@ def _findings(groups: Sequence[Group]) -> list[str]:
 
 
 def _listed(metrics: Sequence[ShownDifference]) -> str:
-    """List metrics in one phrase: "AMOTA and flow RMSE (moving cells, standing cells)"."""
+    """List metrics in one phrase: "AMOTA and flow RMSE (dynamic cells, static cells)"."""
     details: dict[str, list[str]] = {}
     for metric in metrics:
         details.setdefault(metric.name, []).extend([metric.detail] if metric.detail else [])
