@@ -1,4 +1,4 @@
-// The errors of a scene: how many at each key frame, which ones now, and the way to the next.
+// Errors of a scene: count per key frame, list of the current frame, navigation to the next.
 const KINDS = [
   { kind: "miss", many: "misses", mark: "miss" },
   { kind: "false positive", many: "false positives", mark: "fp" },
@@ -25,11 +25,11 @@ class ErrorPanel {
     document.getElementById("error-before").addEventListener("click", () => this.step(-1));
   }
 
-  get errors() { return this.film.errors.filter((error) => this.wanted.has(error.kind)); }
+  get errors() { return this.recording.errors.filter((error) => this.wanted.has(error.kind)); }
 
-  show(film, frame, runTitle) {
-    const changed = film !== this.film;
-    Object.assign(this, { film, frame, runTitle });
+  show(recording, frame, runTitle) {
+    const changed = recording !== this.recording;
+    Object.assign(this, { recording, frame, runTitle });
     if (changed || this.chosen?.frame !== frame) this.chosen = null;
     const here = this.errors.filter((error) => error.frame === frame);
     this.title.textContent = `Errors of ${runTitle}`;
@@ -57,7 +57,7 @@ class ErrorPanel {
     this.onChoose(error);
   }
 
-  // On from the chosen error, or from the frame that is shown; after the last comes the first.
+  // Steps from the selected error, or from the current frame; wraps around at the end.
   step(direction) {
     const all = this.errors;
     if (!all.length) return;
@@ -68,9 +68,9 @@ class ErrorPanel {
     this.choose(all[(next < 0 && direction > 0 ? 0 : next + all.length) % all.length]);
   }
 
-  // A bar a key frame above the slider: where the errors are.
+  // A bar per key frame above the slider: number of errors by type.
   drawStrip() {
-    const frames = this.film.frames, height = 22;
+    const frames = this.recording.frames, height = 22;
     const counts = Array.from({ length: frames }, () => KINDS.map(() => 0));
     for (const error of this.errors) counts[error.frame][KINDS.findIndex(({ kind }) => kind === error.kind)]++;
     const most = Math.max(...counts.map((c) => c.reduce((a, b) => a + b)), 1);

@@ -1,9 +1,9 @@
-// Draws one key frame on a canvas. The ego frame: x forward is to the right, y left is up.
+// Draws one key frame on a canvas in the ego frame: x (forward) to the right, y (left) up.
 const LAYERS = [
   { key: "points", name: "points", style: "solid", on: true },
   { key: "flow", name: "flow", style: "solid", on: true },
   { key: "truth", name: "truth", style: "", on: true },
-  { key: "unseen", name: "unseen truth", style: "dashed", on: false },
+  { key: "unseen", name: "truth without returns", style: "dashed", on: false },
   { key: "objects", name: "detections", style: "dashed", on: false },
   { key: "tracks", name: "tracks", style: "", on: true },
   { key: "trails", name: "trails", style: "solid", on: true },
@@ -14,12 +14,13 @@ const LAYERS = [
 const LIGHT = { ground: "#f6f7f8", rings: "#dde2e6", points: "#7b858e", still: "#59626b", truth: "#17924c", unseen: "#17924c", objects: "#64748b", tracks: "#d1570b", trails: "#e9a06f", velocities: "#d1570b", ids: "#a03f05", flow: "#6a5acd", miss: "#2a78bd", "false positive": "#c8402c", switch: "#8f5bbd", errors: "#2a78bd", ego: "#1c2329" };
 const DARK = { ground: "#0c0f12", rings: "#232a30", points: "#6a747d", still: "#6c7681", truth: "#43d17f", unseen: "#43d17f", objects: "#9fb0c3", tracks: "#ff9c56", trails: "#a3602f", velocities: "#ff9c56", ids: "#ffc298", flow: "#b3a6ff", miss: "#67a8e2", "false positive": "#ff7b66", switch: "#c99bf5", errors: "#67a8e2", ego: "#e6e9ec" };
 const palette = () => (theme.dark ? DARK : LIGHT);
+// Seconds of a trail; speed that is drawn as static (as viz/bev.py); distance of the rings; half height of the initial view.
 const TRAIL_S = 3, STILL_MPS = 0.3, RING_M = 20, FIRST_REACH_M = 42;
 
-class Picture {
-  constructor(canvas, film, frame, view) {
+class BevView {
+  constructor(canvas, recording, frame, view) {
     this.draw = canvas.getContext("2d");
-    this.film = film;
+    this.recording = recording;
     this.frame = frame;
     this.view = view;
     this.colours = palette();
@@ -30,7 +31,7 @@ class Picture {
     if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
     this.draw.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.scale = scaleOf(view, this.width, this.height);
-    const { x, y, yaw } = film.pose(frame);
+    const { x, y, yaw } = recording.pose(frame);
     Object.assign(this, { egoX: x, egoY: y, egoYaw: yaw, cos: Math.cos(yaw), sin: Math.sin(yaw) });
   }
 
@@ -43,7 +44,7 @@ class Picture {
 
   world(x, y) { return this.screen(...this.ego(x, y)); }
 
-  // `errors`: the kinds that are shown, and the one that is chosen.
+  // `errors`: the types that are shown and the selected error.
   paint(layers, errors) {
     this.draw.fillStyle = this.colours.ground;
     this.draw.fillRect(0, 0, this.width, this.height);
@@ -52,7 +53,7 @@ class Picture {
     if (layers.flow) this.flow();
     this.vehicle();
     if (layers.trails) this.trails();
-    const missed = new Set(layers.errors ? this.film.errors.filter(({ frame }) => frame === this.frame).map(({ truth }) => truth) : []);
+    const missed = new Set(layers.errors ? this.recording.errors.filter(({ frame }) => frame === this.frame).map(({ truth }) => truth) : []);
     if (layers.truth) this.outlines("truth", 2.2, [], (box) => !box.unseen || missed.has(box.id));
     if (layers.unseen) this.outlines("truth", 1.6, [], (box) => box.unseen);
     if (layers.objects) this.outlines("objects", 1.1, [3, 3]);
@@ -77,8 +78,8 @@ class Picture {
   }
 
   points() {
-    const { points_x, points_y } = this.film.stage.columns;
-    const [first, end] = this.film.rows("points", this.frame);
+    const { points_x, points_y } = this.recording.shared.columns;
+    const [first, end] = this.recording.rows("points", this.frame);
     const size = Math.max(1, Math.min(2.2, this.scale / 7));
     this.draw.fillStyle = this.colours.points;
     this.draw.globalAlpha = 0.55;
@@ -90,10 +91,10 @@ class Picture {
   }
 
   flow() {
-    if (!this.film.run.grid) return;
-    const [left, bottom, cell] = this.film.run.grid;
-    const { cells_row, cells_column, cells_vx, cells_vy } = this.film.run.columns;
-    const [first, end] = this.film.rows("cells", this.frame);
+    if (!this.recording.run.grid) return;
+    const [left, bottom, cell] = this.recording.run.grid;
+    const { cells_row, cells_column, cells_vx, cells_vy } = this.recording.run.columns;
+    const [first, end] = this.recording.rows("cells", this.frame);
     const side = Math.max(cell * this.scale, 1.6);
     for (let k = first; k < end; k++) {
       const [x, y] = this.screen(left + cells_column[k] * cell, bottom + (cells_row[k] + 1) * cell);
@@ -115,7 +116,7 @@ class Picture {
   trails() {
     this.draw.strokeStyle = this.colours.trails;
     this.draw.lineWidth = 1.5;
-    for (const places of this.film.trails(this.frame, TRAIL_S).values()) {
+    for (const places of this.recording.trails(this.frame, TRAIL_S).values()) {
       this.draw.beginPath();
       places.forEach(([x, y], k) => this.draw[k ? "lineTo" : "moveTo"](...this.world(x, y)));
       this.draw.stroke();
@@ -125,8 +126,8 @@ class Picture {
   outlines(name, width, dash = [], wanted = () => true) {
     this.draw.strokeStyle = this.colours[name];
     this.draw.lineWidth = width;
-    for (const box of this.film.boxes(name, this.frame).filter(wanted)) {
-      const hull = name === "tracks" ? this.film.hull(box) : [];
+    for (const box of this.recording.boxes(name, this.frame).filter(wanted)) {
+      const hull = name === "tracks" ? this.recording.hull(box) : [];
       this.draw.setLineDash(box.coasting || box.unseen ? [4, 3] : dash);
       this.draw.globalAlpha = box.unseen ? 0.4 : 1;
       this.path((hull.length >= 3 ? hull : corners(box)).map(([x, y]) => this.world(x, y)));
@@ -137,7 +138,7 @@ class Picture {
     this.draw.globalAlpha = 1;
   }
 
-  // A line from the centre to the front says which way a box faces.
+  // A line from the centre to the front shows the heading of a box.
   nose(box) {
     const [c, s] = [Math.cos(box.yaw), Math.sin(box.yaw)];
     this.draw.beginPath();
@@ -149,7 +150,7 @@ class Picture {
   velocities() {
     this.draw.strokeStyle = this.draw.fillStyle = this.colours.velocities;
     this.draw.lineWidth = 1.6;
-    for (const { x, y, vx, vy } of this.film.boxes("tracks", this.frame)) {
+    for (const { x, y, vx, vy } of this.recording.boxes("tracks", this.frame)) {
       if (vx === null || Math.hypot(vx, vy) < STILL_MPS) continue;
       this.arrow(this.world(x, y), this.world(x + vx, y + vy));
     }
@@ -170,7 +171,7 @@ class Picture {
     this.draw.lineWidth = 3;
     this.draw.strokeStyle = this.colours.ground;
     this.draw.fillStyle = this.colours.ids;
-    for (const { x, y, id } of this.film.boxes("tracks", this.frame)) {
+    for (const { x, y, id } of this.recording.boxes("tracks", this.frame)) {
       const [a, b] = this.world(x, y);
       this.draw.strokeText(String(id), a + 5, b - 5);
       this.draw.fillText(String(id), a + 5, b - 5);
@@ -179,7 +180,7 @@ class Picture {
 
   errors({ wanted, chosen }) {
     this.draw.lineWidth = 2;
-    for (const error of this.film.errors) {
+    for (const error of this.recording.errors) {
       if (error.frame !== this.frame || !wanted.has(error.kind)) continue;
       const [x, y] = this.world(error.x, error.y);
       this.draw.strokeStyle = this.colours[error.kind];
@@ -243,7 +244,7 @@ function corners({ x, y, length, width, yaw }) {
   return [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => [x + (a * length * c - b * width * s) / 2, y + (a * length * s + b * width * c) / 2]);
 }
 
-// Slow flow is hard to see: it gets no paler than that of 6 m/s.
+// Slow flow is hard to see: its saturation is at least that of 6 m/s.
 function vivid(vx, vy) {
   const speed = Math.hypot(vx, vy), least = 0.4 * FULL_COLOUR_MPS;
   const gain = speed < least ? least / speed : 1;

@@ -1,4 +1,4 @@
-"""A fast small mover is found where the LiDAR saw it, which is behind where it is at the stamp."""
+"""Boxes are matched to a fast ball where the LiDAR scanned it: behind its place at the stamp."""
 
 from dataclasses import replace
 
@@ -8,20 +8,20 @@ import pytest
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
-from mottrack.paper.ball_figure import draw_ball
-from mottrack.paper.stray import best_tracked, clustered, tracked
+from mottrack.paper.ball_figure import clustered, draw_ball, tracked
+from mottrack.runs.stored_scene import StoredScene
 
 FRAMES = 8
 SPEED_MPS = 6.0
 SEEN_M = -0.4
-"""Where on its way the ball was hit, from its place at the stamp."""
+"""Where the ball was scanned along its path, relative to its place at the stamp."""
 
 
 def ball_xy_m() -> np.ndarray:
     return np.column_stack([0.1 * SPEED_MPS * np.arange(FRAMES), np.full(FRAMES, 2.0)])
 
 
-def truth(label: str = "ball") -> TruthTable:
+def truth(label: str) -> TruthTable:
     return TruthTable(
         frame=np.arange(FRAMES),
         id=np.full(FRAMES, 7),
@@ -52,7 +52,9 @@ def tracks(beside_m: float, size_m: float) -> TrackTable:
     )
 
 
-def scene(found: TrackTable, label: str = "ball") -> SceneResult:
+def scene(
+    found: TrackTable, snapshots: list[Snapshot] | None = None, label: str = "ball"
+) -> StoredScene:
     frames = FrameTable(
         stamp_ns=np.arange(FRAMES) * 100_000_000,
         token=np.arange(FRAMES).astype(np.str_),
@@ -60,27 +62,27 @@ def scene(found: TrackTable, label: str = "ball") -> SceneResult:
         labelled_azimuth_rad=np.tile([-np.pi, np.pi], (FRAMES, 1)),
         annotated=np.ones(FRAMES, np.bool_),
     )
-    return SceneResult("one", frames, truth(label), found, classes=("car",))
+    result = SceneResult("one", frames, truth(label), found, classes=("car",))
+    return StoredScene(result, snapshots or [])
 
 
-def test_the_observed_rows_on_its_way_are_the_ball() -> None:
-    found = tracked(scene(tracks(SEEN_M, 0.25)), 7)
+def test_the_observed_rows_on_its_path_are_the_ball() -> None:
+    found = tracked(scene(tracks(SEEN_M, 0.25)), truth("ball"))
     assert found.frame.tolist() == list(range(1, FRAMES))  # row 0 was not observed
-    assert found.tracks == 2
-    np.testing.assert_allclose(found.speed_mps, 5.0)
+    np.testing.assert_allclose(found.velocity_mps, [[5.0, 0.0]] * (FRAMES - 1))
+    np.testing.assert_allclose(found.true_mps, [[SPEED_MPS, 0.0]] * (FRAMES - 1))
 
 
 @pytest.mark.parametrize(("beside_m", "size_m"), [(0.5, 0.25), (-1.2, 0.25), (SEEN_M, 2.0)])
-def test_what_is_beside_its_way_or_larger_is_not(beside_m: float, size_m: float) -> None:
-    result = scene(tracks(beside_m, size_m))
-    assert not len(tracked(result, 7).frame)
-    assert best_tracked([result]) is None
-    assert draw_ball({"none": (result, [])}) is None
+def test_boxes_beside_its_path_or_larger_are_not(beside_m: float, size_m: float) -> None:
+    stored = scene(tracks(beside_m, size_m))
+    assert not len(tracked(stored, truth("ball")).frame)
+    assert draw_ball({"without flow": stored, "with flow": stored}) is None
 
 
-def test_a_known_class_is_no_stray() -> None:
-    assert best_tracked([scene(tracks(SEEN_M, 0.25), "car")]) is None
-    assert best_tracked([scene(tracks(SEEN_M, 0.25), "animal")]) == 7
+def test_other_labels_are_no_ball() -> None:
+    stored = scene(tracks(SEEN_M, 0.25), label="animal")
+    assert draw_ball({"without flow": stored, "with flow": stored}) is None
 
 
 def snapshot(frame: int, speed_mps: float) -> Snapshot:
@@ -98,11 +100,12 @@ def snapshot(frame: int, speed_mps: float) -> Snapshot:
     return replace(shot, objects=objects)
 
 
-def test_the_figure_tells_the_errors_of_the_tracks_and_of_the_flow() -> None:
-    result = scene(tracks(SEEN_M, 0.25))
+def test_the_description_has_the_errors_of_tracks_and_flow() -> None:
     shots = [snapshot(2, np.nan), snapshot(3, 2.0)]
-    np.testing.assert_array_equal(clustered(result, shots, 7).speed_mps, [np.nan, 2.0])
-    figure, told = draw_ball({"without flow": (result, []), "with flow": (result, shots)})
+    without, with_flow = scene(tracks(SEEN_M, 0.25)), scene(tracks(SEEN_M, 0.25), shots)
+    found = clustered(with_flow, truth("ball"))
+    np.testing.assert_array_equal(found.velocity_mps[:, 0], [np.nan, 2.0])
+    figure, told = draw_ball({"without flow": without, "with flow": with_flow})
     assert "ball of 0.3 m at 6.0 m/s" in told
-    assert "without flow 1.00, tracked with flow 1.00, measured by the flow alone 4.00" in told
+    assert "without flow 1.00, tracked with flow 1.00, measured by the flow 4.00" in told
     assert len(figure.axes) == 2

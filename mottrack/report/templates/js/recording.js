@@ -1,4 +1,4 @@
-// Reads what payload.py packed, and hands out one key frame after the other.
+// Decodes the scenes that player_data.py packed, and gives access to their key frames.
 const ARRAYS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f8: Float64Array };
 const UNMEASURED = -32768;
 
@@ -17,45 +17,46 @@ async function unpack(text) {
 }
 
 const unpacked = new Map();
-function reelPart(id) {
+function packedPart(id) {
   if (!unpacked.has(id)) unpacked.set(id, unpack(document.getElementById(id).textContent));
   return unpacked.get(id);
 }
 
-// Where the rows of each key frame begin: one entry more than there are frames.
+// First row of each key frame, and the end: one entry more than there are frames.
 function edges(counts) {
   const starts = new Uint32Array(counts.length + 1);
   counts.forEach((count, k) => { starts[k + 1] = starts[k] + count; });
   return starts;
 }
 
-class Film {
-  constructor(stage, run) {
-    this.stage = stage;
+// The key frames of one run on one scene.
+class Recording {
+  constructor(shared, run) {
+    this.shared = shared;
     this.run = run;
-    const rows = { points: stage, truth: stage, cells: run, objects: run, tracks: run };
+    const rows = { points: shared, truth: shared, cells: run, objects: run, tracks: run };
     this.edges = Object.fromEntries(Object.entries(rows).map(([name, part]) => [name, edges(part.columns[`${name}_n`])]));
     this.corners = edges(run.columns.hulls_n);
     this.errors = run.errors.map(([frame, kind, detail, label, truth, track, x, y]) => ({ frame, kind, detail, label, truth, track, x, y }));
   }
 
   static async load(scene, run) {
-    const [stage, part] = await Promise.all([reelPart(`reel-${scene}-stage`), reelPart(`reel-${scene}-run-${run}`)]);
-    return new Film(stage, part);
+    const [shared, part] = await Promise.all([packedPart(`scene-${scene}-shared`), packedPart(`scene-${scene}-run-${run}`)]);
+    return new Recording(shared, part);
   }
 
-  get frames() { return this.stage.frames; }
+  get frames() { return this.shared.frames; }
 
   pose(frame) {
-    const { pose_x, pose_y, pose_yaw } = this.stage.columns;
+    const { pose_x, pose_y, pose_yaw } = this.shared.columns;
     return { x: pose_x[frame] / 100, y: pose_y[frame] / 100, yaw: pose_yaw[frame] / 1e4 };
   }
 
   rows(name, frame) { return [this.edges[name][frame], this.edges[name][frame + 1]]; }
 
-  // The boxes of a key frame: "truth", "objects" or "tracks".
+  // The boxes of a key frame; `name` is "truth", "objects" or "tracks".
   boxes(name, frame) {
-    const part = name === "truth" ? this.stage : this.run;
+    const part = name === "truth" ? this.shared : this.run;
     const column = (key) => part.columns[`${name}_${key}`];
     const [first, end] = this.rows(name, frame);
     const labels = part[`${name}_labels`];
@@ -85,11 +86,11 @@ class Film {
     return corners;
   }
 
-  // Identity to its places in the world, over the key frames up to this one.
+  // Identity to its world positions over the key frames up to this one.
   trails(frame, seconds) {
     const trails = new Map();
     const { tracks_id, tracks_x, tracks_y } = this.run.columns;
-    for (let k = frame; k >= 0 && this.stage.seconds[frame] - this.stage.seconds[k] <= seconds; k--) {
+    for (let k = frame; k >= 0 && this.shared.seconds[frame] - this.shared.seconds[k] <= seconds; k--) {
       const [first, end] = this.rows("tracks", k);
       for (let row = first; row < end; row++) {
         const id = tracks_id[row];

@@ -1,5 +1,5 @@
-// The Middlebury colour code of flow: hue is direction, paleness is slow (viz/colour_wheel.py).
-const FULL_COLOUR_MPS = 15;
+// Middlebury colour code of flow: hue is direction, saturation is speed (as viz/colour_wheel.py).
+const FULL_COLOUR_MPS = 15; // as viz/bev.py
 const ARCS = [
   [[255, 0, 0], [255, 255, 0], 15], [[255, 255, 0], [0, 255, 0], 6], [[0, 255, 0], [0, 255, 255], 4],
   [[0, 255, 255], [0, 0, 255], 11], [[0, 0, 255], [255, 0, 255], 13], [[255, 0, 255], [255, 0, 0], 6],
