@@ -27,7 +27,7 @@ from mottrack.datasets.kitti.calibration import read_calibration
 from mottrack.datasets.kitti.dataset import Kitti
 from mottrack.datasets.kitti.image import image_boxes
 from mottrack.eval.kitti.files import Folders, evaluate_folders
-from mottrack.eval.kitti.rules import SPLITS, KittiRules
+from mottrack.eval.kitti.matching import SPLITS, KittiRules
 from mottrack.trackers import KalmanTracker
 
 KINDS = ("Car", "Pedestrian", "Cyclist")

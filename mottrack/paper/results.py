@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.bootstrap import draw
 from mottrack.eval.paired import (
     RESAMPLES,
     MetricKey,
@@ -17,10 +16,11 @@ from mottrack.eval.paired import (
     Ratio,
     Sampled,
     Variance,
+    draw,
     paired,
     sample,
 )
-from mottrack.eval.run_figures import Figures
+from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, judge
 from mottrack.paper.machine import machines, note_machine
 from mottrack.paper.plan import Study
@@ -175,7 +175,7 @@ def sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
     return Resamples(scenes, figures)
 
 
-def _times(results: Sequence[SceneResult], weights: np.ndarray) -> Figures:
+def _times(results: Sequence[SceneResult], weights: np.ndarray) -> RunMetrics:
     parts = [_flow_ms(result) for result in results]
     count, total, squares = (
         np.array([f(part) for part in parts], np.float64)

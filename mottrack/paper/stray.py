@@ -20,7 +20,7 @@ FEWEST_ROWS = 5
 """A ball that was tracked for fewer frames a run shows nothing."""
 OVERLAP = 0.5
 """Share of a track's box that must lie where the mover was seen."""
-TURN_S = VelocityErrorConfig().turn_s
+TURN_S = VelocityErrorConfig().revolution_s
 """One turn of the LiDAR, which ends at the stamp of its sweep; as the velocity error takes it."""
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from mottrack.core.arrays import F64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, classify_errors
-from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
-from mottrack.eval.nuscenes.levels import Curves
-from mottrack.eval.nuscenes.summary import evaluate_prepared
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold
+from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
+from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
+from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold, scored_part
 from mottrack.eval.velocity_error import (
     VelocityErrorConfig,
     VelocitySamples,
@@ -36,7 +35,7 @@ class Analysis:
 
     curves: dict[str, dict[str, list[float | None]]]
     """Class to the points of its recall curves; empty where classes are not told apart."""
-    anatomy: dict[str, ClassAnatomy]
+    anatomy: dict[str, ClassErrors]
     velocity: dict[str, list[float]]
     """Category to the quantiles of its velocity error, m/s."""
     cuts: tuple[ScoreFilter, ...]
@@ -47,10 +46,11 @@ class Analysis:
     def of(cls, run: ScoredRun) -> Analysis:
         """Reads the run's results once."""
         stored = [run.folder.load(scene) for scene in run.report.finished]
-        results = [result.where_labelled() for result in stored]
         config = run.experiment.settings.scores
+        results = [scored_part(result, config) for result in stored]
         curves, anatomy, cuts = _by_class(results, list(run.scores.classes), config)
-        velocity = _velocity(results, config.velocity)
+        parts = [scored_part(result, config, truth=False) for result in stored]
+        velocity = _velocity(parts, config.velocity)
         return cls(curves, anatomy, velocity, cuts, Timing.of(stored))
 
     def as_dict(self) -> dict[str, Any]:
@@ -66,7 +66,7 @@ class Analysis:
 def _by_class(
     results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
 ) -> tuple[
-    dict[str, dict[str, list[float | None]]], dict[str, ClassAnatomy], tuple[ScoreFilter, ...]
+    dict[str, dict[str, list[float | None]]], dict[str, ClassErrors], tuple[ScoreFilter, ...]
 ]:
     everything = (ScoreFilter(""),)
     if not labels:

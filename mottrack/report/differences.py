@@ -17,7 +17,11 @@ SHOWN = {
     ("tracking", "all", "IDS"): "identity switches",
     ("velocity", "all", "mean"): "velocity error (all)",
     ("velocity", "all", "worst 5 %"): "velocity error (worst 5 %)",
-    ("velocity", "static objects", "mean"): "velocity error (static objects)",
+    (
+        "velocity",
+        "unlabelled tracks (assumed static)",
+        "mean",
+    ): "velocity error (unlabelled tracks, assumed static)",
     ("velocity", "pedestrian & cyclist", "mean"): "velocity error (pedestrian & cyclist)",
     ("velocity", "objects observed stationary", "mean"): "velocity error (stationary objects)",
     ("velocity", "slow (0, 3] m/s", "mean"): "velocity error (slow)",

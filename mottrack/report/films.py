@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mottrack.core.snapshot import Snapshot, load_snapshots
+from mottrack.eval.scores import scored_part
 from mottrack.report.analysis import Analysis
 from mottrack.report.film import RunFilm, SceneStage
 from mottrack.report.ranking import ReportRun
@@ -91,7 +92,7 @@ def _reel(
         result = entrant.run.folder.load(scene)
         config = entrant.run.experiment.settings.scores
         cuts = analyses[entrant.index].cuts if entrant.has_truth else ()
-        errors = scene_errors(result.where_labelled(), cuts, config)
+        errors = scene_errors(scored_part(result, config), cuts, config)
         runs[entrant.index] = RunFilm(stage, result, kept, errors).packed()
     return PackedScene(dataset, scene, stage.packed(), runs)
 

@@ -118,7 +118,7 @@ VELOCITY = (
         "mean error",
         "Mean of |v of the track − v of its object| over the rows of the category. A track whose "
         "hull overlaps no object by half stands for something nobody labelled: its true velocity "
-        "is zero (static objects).",
+        "assumed zero (unlabelled tracks).",
         lower_is_better=True,
         unit="m/s",
     ),

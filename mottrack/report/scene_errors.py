@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mottrack.core.arrays import I64, Mask, Texts
+from mottrack.core.arrays import I64
 from mottrack.core.result import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.eval.clear import Association, associate
+from mottrack.eval.clear import Association, associate, miss_kinds
 from mottrack.eval.pairs import BoxStream, Pairs
 from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_pairs
 
@@ -74,7 +74,8 @@ class _Listing:
         hit = self.matched.track_row
         missed, switched = np.flatnonzero(hit < 0), np.flatnonzero(self.matched.switched)
         false = np.setdiff1d(np.arange(len(self.pairs.tracks)), hit)
-        details = miss_details(self.pairs.truth, hit >= 0)
+        truth = self.pairs.truth
+        details = miss_kinds(truth.dense_ids(), truth.frame, hit >= 0)
         return (
             [self._of_truth("miss", int(row), details[row]) for row in missed]
             + [self._of_truth("switch", int(row), "") for row in switched]
@@ -106,19 +107,6 @@ class _Listing:
             track_id=int(tracks.id[at]),
             xy_m=(float(tracks.centre_m[at, 0]), float(tracks.centre_m[at, 1])),
         )
-
-
-def miss_details(truth: BoxStream, hit: Mask) -> Texts:
-    """(G,) what each true box would be as a miss, from where its object is hit before and after."""
-    objects = truth.dense_ids()
-    count = int(objects.max(initial=-1)) + 1
-    first = np.full(count, np.iinfo(np.int64).max)
-    last = np.full(count, -1)
-    np.minimum.at(first, objects[hit], truth.frame[hit])
-    np.maximum.at(last, objects[hit], truth.frame[hit])
-    first, last = first[objects], last[objects]
-    conditions = [last < 0, truth.frame < first, truth.frame > last]
-    return np.select(conditions, ["never found", "late start", "early end"], "gap")
 
 
 def _rows_of(side: BoxStream, table: TruthTable | TrackTable) -> I64:

@@ -76,9 +76,9 @@ QUESTIONS = (
     ),
     SummaryMetric(
         BY_KEY["mean_mps"],
-        "velocity error (static objects)",
-        _velocity("static objects"),
-        ("velocity", "static objects", "mean"),
+        "velocity error (unlabelled tracks, assumed static)",
+        _velocity("unlabelled tracks (assumed static)"),
+        ("velocity", "unlabelled tracks (assumed static)", "mean"),
     ),
     SummaryMetric(
         BY_KEY["mean_mps"],

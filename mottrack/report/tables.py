@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mottrack.eval.flow_error import FlowError
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy
+from mottrack.eval.nuscenes.error_classes import ClassErrors
 from mottrack.eval.scores import ClassScores
 from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
 from mottrack.report.measures import FLOW, TRACKING, VELOCITY, Measure
@@ -118,7 +118,7 @@ def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:
 
 
 def gain_rows(
-    entrants: Sequence[ReportRun], anatomies: Sequence[Mapping[str, ClassAnatomy]]
+    entrants: Sequence[ReportRun], anatomies: Sequence[Mapping[str, ClassErrors]]
 ) -> list[Row]:
     """AMOTA that each run would gain without the errors of each kind."""
     gains = [_gains(e, anatomy) for e, anatomy in zip(entrants, anatomies, strict=True)]
@@ -126,7 +126,7 @@ def gain_rows(
     return [Row(k, tuple(Cell(f"+{gain.get(k, 0.0):.3f}") for gain in gains)) for k in kinds]
 
 
-def _gains(entrant: ReportRun, anatomy: Mapping[str, ClassAnatomy]) -> dict[str, float]:
+def _gains(entrant: ReportRun, anatomy: Mapping[str, ClassErrors]) -> dict[str, float]:
     """AMOTA is a mean over the classes that have truth, so a gain in one is shared by all."""
     classes = sum(part.amota == part.amota for part in entrant.run.scores.classes.values())
     gains: dict[str, float] = {}

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mottrack.eval.nuscenes.bootstrap import draw
-from mottrack.eval.paired import MetricKey, PairedDifference, Ratio, sample
+from mottrack.eval.paired import MetricKey, PairedDifference, Ratio, draw, sample
 from mottrack.formats.text_table import to_latex
 from mottrack.paper.claims import Claim, Finding, claims, judge
 from mottrack.paper.plan import Study
@@ -18,7 +17,7 @@ from mottrack.paper.results import StudyResult, _times
 from mottrack.paper.tables import claim_table, number_table, paper_table
 from mottrack.runs.differences import Resamples
 
-KEY = MetricKey("velocity", "static objects", "mean", "m/s")
+KEY = MetricKey("velocity", "unlabelled tracks (assumed static)", "mean", "m/s")
 NAN = float("nan")
 
 
@@ -106,7 +105,7 @@ def test_a_table_shows_ours_beside_the_papers_and_what_was_not_measured() -> Non
     assert re.fullmatch(r"1\.\d{3} ± 0\.\d{3} \(paper 0\.839\)", first["none"])
     assert first["DOGMa"] == "not measured (paper 0.848)"
     numbers = number_table(TABLE_IV, result)
-    assert numbers.rows[0][:2] == ("none", "static objects, mean")
+    assert numbers.rows[0][:2] == ("none", "unlabelled tracks (assumed static), mean")
     assert numbers.rows[0][5] == 0.839
     text = to_latex(shown)
     assert r"$\pm$" in text
