@@ -169,14 +169,21 @@ def miss_kinds(object_of: I64, frame: I64, hit: Mask) -> Texts:
         frame: (G,) frame of each box.
         hit: (G,) whether the box was matched.
     """
-    count = int(object_of.max(initial=-1)) + 1
-    first = np.full(count, np.iinfo(np.int64).max)
-    last = np.full(count, -1)
-    np.minimum.at(first, object_of[hit], frame[hit])
-    np.maximum.at(last, object_of[hit], frame[hit])
-    first, last = first[object_of], last[object_of]
+    first, last = hit_span(object_of, frame, hit)
     conditions = [last < 0, frame < first, frame > last]
     return np.select(conditions, ["never found", "late start", "early end"], "gap")
+
+
+def hit_span(object_of: I64, frame: I64, hit: Mask) -> tuple[I64, I64]:
+    """Return the first and the last frame in which each box's object is hit, (G,) each.
+
+    An object without a hit has the last frame -1.
+    """
+    count = int(object_of.max(initial=-1)) + 1
+    first, last = np.full(count, np.iinfo(np.int64).max), np.full(count, -1)
+    np.minimum.at(first, object_of[hit], frame[hit])
+    np.maximum.at(last, object_of[hit], frame[hit])
+    return first[object_of], last[object_of]
 
 
 def total(counts: Iterable[ClearCounts]) -> ClearCounts:

@@ -32,7 +32,7 @@ class HotaCounts:
 
 @dataclass(frozen=True, slots=True)
 class Hota:
-    """HOTA and its parts per alpha, (19,) each; a reported figure is the mean over alpha."""
+    """HOTA and its parts per alpha, (19,) each; the reported score is the mean over alpha."""
 
     hota: F64
     det_a: F64

@@ -2,7 +2,7 @@
 
 Scenes are drawn with replacement (frames of a scene are not independent), the same ones for every
 run, and every metric is evaluated again on each resample: exactly, since a scene enters as counters
-that add up (`Ratio`, `Pooled`, `Variance`), as its sorted errors (`TailMean`), or as the profile of
+that add up (`Ratio`, `Pooled`), as its sorted errors (`TailMean`), or as the profile of
 the official metrics (eval/nuscenes/resampling.py).
 
 An interval is difference +- t * sqrt(n / (n - 1)) * s with s the standard deviation over the
@@ -134,24 +134,9 @@ class Sum:
         return weights @ self.total
 
 
-@dataclass(frozen=True, slots=True)
-class Variance:
-    """Population variance of values whose sums and squared sums are known per scene, (S,) each."""
-
-    total: F64
-    squares: F64
-    count: F64
-
-    @property
-    def present(self) -> Mask:
-        """(S,) scenes that count."""
-        return self.count > 0
-
-    def values(self, weights: I64) -> F64:
-        """Return the variance of each resample, (B,)."""
-        count = weights @ self.count
-        mean = ratio(weights @ self.total, count)
-        return np.maximum(ratio(weights @ self.squares, count) - mean**2, 0.0)
+def variance(total: F64, squares: F64, count: F64) -> F64:
+    """Return the population variance from sums, sums of squares and counts of values, (B,) each."""
+    return np.maximum(ratio(squares, count) - ratio(total, count) ** 2, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -184,10 +184,10 @@ def _tracking(
         return _class_scores(results, pooled, config), {}
     classes = {}
     for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
-        cut = ScoreFilter(label, best_threshold(official.curves[label], config), range_m)
-        counted = _class_scores(results, cut, config)
-        figures = official.classes[label]
-        classes[label] = replace(counted, amota=figures["amota"], amotp_m=figures["amotp"])
+        score_filter = ScoreFilter(label, best_threshold(official.curves[label], config), range_m)
+        counted = _class_scores(results, score_filter, config)
+        own = official.classes[label]
+        classes[label] = replace(counted, amota=own["amota"], amotp_m=own["amotp"])
     together = _together(classes.values(), config)
     total = official.total
     return replace(together, amota=total["amota"], amotp_m=total["amotp"]), classes
@@ -216,13 +216,13 @@ def best_threshold(curves: Curves, config: ScoreConfig) -> float:
     return float(curves["confidence"][int(np.nanargmax(reached))])
 
 
-def scene_pairs(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> Pairs:
+def scene_pairs(result: SceneResult, score_filter: ScoreFilter, config: ScoreConfig) -> Pairs:
     """Return the candidate pairs of a scene for one class; every class where the label is empty."""
-    truth = _rows(result.truth.select(_seen(result.truth)), cut.label)
-    tracks = _rows(result.tracks, cut.label)
-    truth = truth.select(_near(result, truth, cut.range_m))
-    tracks = tracks.select(_near(result, tracks, cut.range_m))
-    tracks = tracks.select(_track_means(tracks) >= cut.threshold - ROUNDING)
+    truth = _rows(result.truth.select(_seen(result.truth)), score_filter.label)
+    tracks = _rows(result.tracks, score_filter.label)
+    truth = truth.select(_near(result, truth, score_filter.range_m))
+    tracks = tracks.select(_near(result, tracks, score_filter.range_m))
+    tracks = tracks.select(_track_means(tracks) >= score_filter.threshold - ROUNDING)
     return find_pairs(
         BoxStream(truth.frame, truth.id),
         BoxStream(tracks.frame, tracks.id),
@@ -246,13 +246,9 @@ def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -
 
 def _seen(truth: TruthTable) -> Mask:
     """(M,) rows from the first to the last frame in which the object has a return."""
-    objects, index = np.unique(truth.id, return_inverse=True)
-    hit = truth.num_points != 0
-    first = np.full(len(objects), np.iinfo(np.int64).max)
-    last = np.full(len(objects), -1)
-    np.minimum.at(first, index[hit], truth.frame[hit])
-    np.maximum.at(last, index[hit], truth.frame[hit])
-    return (truth.frame >= first[index]) & (truth.frame <= last[index])
+    _, object_of = np.unique(truth.id, return_inverse=True)
+    first, last = clear.hit_span(object_of, truth.frame, truth.num_points != 0)
+    return (truth.frame >= first) & (truth.frame <= last)
 
 
 def _track_means(tracks: TrackTable) -> F64:
@@ -268,9 +264,11 @@ def _rows(table: BoxTable, label: str) -> BoxTable:
     return table.select(rows[np.argsort(table.frame[rows], kind="stable")])
 
 
-def scene_scores(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> ClassScores:
+def scene_scores(
+    result: SceneResult, score_filter: ScoreFilter, config: ScoreConfig
+) -> ClassScores:
     """Return the metrics of one scene and class; their counts add up over scenes."""
-    pairs = scene_pairs(result, cut, config)
+    pairs = scene_pairs(result, score_filter, config)
     near = pairs.within(config.gate)
     counts = clear.clear_counts(near, clear.associate(near))
     parts = identity.identity_counts(near), hota.hota_counts(pairs)
@@ -278,9 +276,9 @@ def scene_scores(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> 
 
 
 def _class_scores(
-    results: Iterable[SceneResult], cut: ScoreFilter, config: ScoreConfig
+    results: Iterable[SceneResult], score_filter: ScoreFilter, config: ScoreConfig
 ) -> ClassScores:
-    return _together((scene_scores(result, cut, config) for result in results), config)
+    return _together((scene_scores(result, score_filter, config) for result in results), config)
 
 
 def _together(parts: Iterable[ClassScores], config: ScoreConfig) -> ClassScores:

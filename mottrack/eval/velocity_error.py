@@ -166,7 +166,7 @@ def match_by_overlap(
         moves = shift_m[near.box].any(axis=1)
         near = near.select((matched[near.row] == NO_OBJECT) & np.isin(near.row, near.row[moves]))
     has = matched != NO_OBJECT
-    # nobody annotated an interpolated box, and NaN says that the labels hold no velocity
+    # an interpolated box was not annotated, and NaN says that the labels hold no velocity
     unknown = truth.interpolated | np.isnan(truth.velocity_mps).any(axis=1)
     matched[has] = np.where(unknown[matched[has]], LEFT_OUT, matched[has])
     return matched

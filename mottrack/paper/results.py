@@ -13,12 +13,13 @@ from mottrack.eval.paired import (
     RESAMPLES,
     MetricKey,
     PairedDifference,
+    Pooled,
     Ratio,
     Sampled,
-    Variance,
     draw,
     paired,
     sample,
+    variance,
 )
 from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, judge
@@ -184,7 +185,7 @@ def _times(results: Sequence[SceneResult], weights: np.ndarray) -> RunMetrics:
     return {
         MetricKey(RUNTIME, "flow", "mean", "ms"): sample(Ratio(total, count), weights),
         MetricKey(RUNTIME, "flow", "variance", "ms²"): sample(
-            Variance(total, squares, count), weights
+            Pooled(variance, (total, squares, count)), weights
         ),
     }
 

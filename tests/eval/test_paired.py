@@ -7,14 +7,15 @@ from scipy.stats import t as student_t
 from mottrack.core.errors import InputError
 from mottrack.eval.paired import (
     MetricKey,
+    Pooled,
     Ratio,
     Sum,
     TailMean,
-    Variance,
     draw,
     paired,
     sample,
     t_interval,
+    variance,
 )
 from mottrack.eval.velocity_error import error_row
 
@@ -86,7 +87,7 @@ def test_every_metric_of_a_resample_is_that_of_the_copied_scenes() -> None:
     figures = {
         "mean": Ratio(total, count),
         "rms": Ratio(squares, count, root=True),
-        "variance": Variance(total, squares, count),
+        "variance": Pooled(variance, (total, squares, count)),
         "worst": TailMean.of(parts),
         "sum": Sum(total),
     }

@@ -1,4 +1,4 @@
-"""HOTA and IDF1 of 3-D scenes beside the official figures.
+"""HOTA and IDF1 of 3-D scenes beside the official metrics.
 
 They need one set of tracks, so each class has the tracks above its threshold of best MOTA, where
 the official summary reads its counts. Boxes are as prepared for AMOTA; similarity falls from 1 to 0

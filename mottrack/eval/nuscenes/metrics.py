@@ -338,19 +338,19 @@ def class_summary(curves: Curves) -> dict[str, float]:
     if np.isnan(curves["mota"]).all():
         return dict.fromkeys(SUMMARY_METRICS, float("nan"))
     best = int(np.nanargmax(curves["mota"]))
-    figures = {name: float(curves[name][best]) for name in LEVEL_METRICS}
+    metrics = {name: float(curves[name][best]) for name in LEVEL_METRICS}
     for name, source in AVERAGED.items():
         values = curves[source]
         filled = np.where(np.isnan(values), METRIC_WORST[name], values)
-        figures[name] = float("nan") if np.isnan(values).all() else float(np.mean(filled))
-    return {name: figures[name] for name in SUMMARY_METRICS}
+        metrics[name] = float("nan") if np.isnan(values).all() else float(np.mean(filled))
+    return {name: metrics[name] for name in SUMMARY_METRICS}
 
 
 def total_of(classes: list[dict[str, float]]) -> dict[str, float]:
     """Sum the counts, average all else over the classes that have a value."""
     total = {}
     for name in SUMMARY_METRICS:
-        values = np.array([figures[name] for figures in classes])
+        values = np.array([metrics[name] for metrics in classes])
         known = values[~np.isnan(values)]
         if name in SUMMED_METRICS:
             total[name] = float(known.sum())

@@ -1,7 +1,5 @@
 """Files, table and picture of an evaluation: the official JSON, strict JSON, CSV, recall curves."""
 
-import csv
-import io
 import json
 import math
 from pathlib import Path
@@ -13,7 +11,7 @@ from mottrack.core.storage import write_text
 from mottrack.eval.nuscenes.metrics import Metrics
 from mottrack.eval.nuscenes.rules import COLORS, LEVEL_METRICS, SUMMARY_METRICS
 from mottrack.formats.strict_json import strict
-from mottrack.formats.text_table import aligned
+from mottrack.formats.text_table import Cell, Column, TextTable, aligned, to_csv
 
 DECIMALS = {
     "amota": 3, "amotp": 3, "recall": 3, "motar": 3, "mota": 3, "motp": 3, "mt": 0, "ml": 0,
@@ -33,7 +31,7 @@ PANELS = {
 def summary_json(metrics: Metrics, meta: dict[str, Any], eval_time_s: float) -> dict[str, Any]:
     """Return the content of metrics_summary.json, with the interpolation named beside it."""
     by_metric = {
-        name: {label: figures[name] for label, figures in metrics.classes.items()}
+        name: {label: row[name] for label, row in metrics.classes.items()}
         for name in SUMMARY_METRICS
     }
     return {
@@ -75,22 +73,20 @@ def write_outputs(
 
 def summary_csv(metrics: Metrics) -> str:
     """Return a line per class and one for all, a column per metric; empty where undefined."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["class", "interpolation", *SUMMARY_METRICS])
-    for label, figures in metrics.by_class().items():
-        values = [figures[name] for name in SUMMARY_METRICS]
-        cells = ["" if math.isnan(value) else repr(value) for value in values]
-        writer.writerow([label, metrics.rules.interpolation, *cells])
-    return text.getvalue()
+    columns = [Column(name) for name in ("class", "interpolation", *SUMMARY_METRICS)]
+    rows: list[tuple[Cell, ...]] = [
+        (label, metrics.rules.interpolation, *(row[name] for name in SUMMARY_METRICS))
+        for label, row in metrics.by_class().items()
+    ]
+    return to_csv(TextTable("metrics", "", tuple(columns), tuple(rows)))
 
 
 def format_table(metrics: Metrics) -> str:
     """Return a line per class, then all classes; "-" where a metric is undefined."""
     head = ["class", *(f"{n} [{_UNITS[n]}]" if n in _UNITS else n for n in DECIMALS)]
     lines = [head]
-    for label, figures in metrics.by_class().items():
-        lines.append([label, *(_cell(figures[name], name) for name in DECIMALS)])
+    for label, row in metrics.by_class().items():
+        lines.append([label, *(_cell(row[name], name) for name in DECIMALS)])
     rows = aligned(lines).splitlines()
     rule = "-" * len(rows[0])
     note = (

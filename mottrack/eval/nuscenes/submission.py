@@ -391,11 +391,11 @@ def describe_samples(dataroot: Path, version: str, tokens: Collection[str]) -> s
     }
     name_of = {row["token"]: row["name"] for row in read_table(dataroot, version, "scene")}
     scenes = Counter(name_of.get(scene, "an unknown scene") for scene in scene_of.values())
-    told = []
+    parts = []
     if scenes:
         split = best_split(list(scenes))
-        parts = [split] if split else list(splits_of(scenes)) or ["no official split"]
-        told.append(f"{len(scene_of)} belong to {' and '.join(parts)}")
+        names = [split] if split else list(splits_of(scenes)) or ["no official split"]
+        parts.append(f"{len(scene_of)} belong to {' and '.join(names)}")
     if unknown := len(wanted) - len(scene_of):
-        told.append(f"{unknown} to no sample of {version}")
-    return ", ".join(told)
+        parts.append(f"{unknown} to no sample of {version}")
+    return ", ".join(parts)
