@@ -13,6 +13,8 @@ from mottrack.core.arrays import F64, Mask
 
 Counts = TypeVar("Counts")
 
+MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
+"""Share of its frames in which a true track is matched (Wu and Nevatia, 2006; all protocols)."""
 SPEED_EDGES_MPS = (0.0, 0.2, 1.0, 3.0, 8.0, np.inf)
 """Standing (below the noise of labelled velocities), walking pace, cycling, urban traffic."""
 

@@ -13,10 +13,9 @@ from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.eval import arithmetic
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
 from mottrack.eval.pairs import Pairs
 
-MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
-"""Share of its frames in which a true track is matched (Wu and Nevatia, 2006; all protocols)."""
 MISSES = ("late start", "gap", "early end", "never found")
 """Kinds of miss, see `miss_kinds`."""
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
@@ -286,7 +286,7 @@ def t_interval(value: float, draws: F64, scenes: int) -> tuple[float, float]:
     known = draws[~np.isnan(draws)]
     if scenes < 2 or len(known) < 2 or np.isnan(value):
         return float("nan"), float("nan")
-    quantile = float(student_t.ppf(0.5 + CONFIDENCE / 2, scenes - 1))
+    quantile = float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))  # of Student's t
     half_width = quantile * np.sqrt(scenes / (scenes - 1)) * float(known.std())
     if half_width <= ROUNDING_SHARE * np.abs(known).max(initial=0.0):
         half_width = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.eval import arithmetic
-from mottrack.eval.clear import MOSTLY_LOST, MOSTLY_TRACKED
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
 from mottrack.eval.kitti.matching import KittiRules, Match, Sequence, match, mean_over_tracks
 
 

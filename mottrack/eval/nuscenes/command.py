@@ -11,9 +11,7 @@ import numpy as np
 
 from mottrack.core.storage import write_text
 from mottrack.eval.nuscenes.boxes import GroundTruth, Prepared
-from mottrack.eval.nuscenes.error_classes import as_plain, classify_errors, format_errors
 from mottrack.eval.nuscenes.groundtruth import cached_ground_truth
-from mottrack.eval.nuscenes.identity_scores import format_identity, identity_scores
 from mottrack.eval.nuscenes.metrics import Metrics, evaluate_prepared
 from mottrack.eval.nuscenes.outputs import draw_recall_curves, format_table, write_outputs
 from mottrack.eval.nuscenes.prepare import prepare
@@ -139,11 +137,16 @@ def evaluate(
     yield format_table(evaluation.metrics)
     if extras.picture:
         draw_recall_curves(evaluation.metrics, out / "recall_curves.png")
+    # what needs scipy, slow to import, is imported on request
     if extras.hota:
+        from mottrack.eval.nuscenes.identity_scores import format_identity, identity_scores
+
         scores = identity_scores(evaluation.prepared, evaluation.metrics)
         write_text(out / "hota.json", json.dumps(strict(scores), indent=2))
         yield format_identity(scores)
     if extras.error_classes:
+        from mottrack.eval.nuscenes.error_classes import as_plain, classify_errors, format_errors
+
         errors = classify_errors(evaluation.prepared, request.rules)
         write_text(out / "error_classes.json", json.dumps(strict(as_plain(errors)), indent=2))
         yield format_errors(errors)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
-from mottrack.eval.clear import MOSTLY_LOST, MOSTLY_TRACKED
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
 from mottrack.eval.nuscenes.assignment import Solver, solve
 
 MISS, MATCH, SWITCH = 0, 1, 2
