@@ -26,7 +26,7 @@ from mottrack.datasets.kitti.boxes import EgoBoxes, ego_to_camera, image_boxes
 from mottrack.datasets.kitti.dataset import Kitti
 from mottrack.datasets.kitti.poses import read_calibration
 from mottrack.eval.kitti.files import Folders, evaluate_folders
-from mottrack.eval.kitti.rules import SPLITS, KittiRules
+from mottrack.eval.kitti.matching import SPLITS, KittiRules
 from mottrack.trackers import KalmanTracker
 
 KINDS = ("Car", "Pedestrian", "Cyclist")

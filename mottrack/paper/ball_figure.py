@@ -97,7 +97,7 @@ def _sightings(boxes: TrackTable | ObjectTable, frame: I64, ball: TruthTable) ->
 
     A ball of 0.3 m at 6 m/s moves by twice its size in a revolution: beyond its box at the stamp.
     """
-    shift_m = ball.velocity_mps * MATCHING.turn_s
+    shift_m = ball.velocity_mps * MATCHING.revolution_s
     centre_m = ball.centre_m - np.insert(0.5 * shift_m, 2, 0.0, axis=1)
     size_m = np.insert(ball.size_m[:, 1:], 0, np.hypot(*shift_m.T) + ball.size_m[:, 0], axis=1)
     swept = boxes7(centre_m, size_m, np.arctan2(shift_m[:, 1], shift_m[:, 0]))

@@ -15,18 +15,19 @@ import numpy as np
 from mottrack.core.arrays import F64, I64
 from mottrack.core.result import SceneResult
 from mottrack.core.storage import write_text
-from mottrack.eval.nuscenes.bootstrap import draw
 from mottrack.eval.paired import (
     RESAMPLES,
     MetricKey,
     PairedDifference,
+    Pooled,
     Ratio,
     Sampled,
-    Variance,
+    draw,
     paired,
     sample,
+    variance,
 )
-from mottrack.eval.run_figures import Figures
+from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, verdict_of
 from mottrack.paper.plan import Study
 from mottrack.runs.differences import Resamples, RunInput, sample_runs
@@ -182,7 +183,7 @@ def _sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
     return Resamples(scenes, figures)
 
 
-def flow_times(results: Sequence[SceneResult], weights: I64) -> Figures:
+def flow_times(results: Sequence[SceneResult], weights: I64) -> RunMetrics:
     """Return mean and variance of the wall time of the flow on every resample of the scenes.
 
     Args:
@@ -193,10 +194,10 @@ def flow_times(results: Sequence[SceneResult], weights: I64) -> Figures:
     count = np.array([len(part) for part in parts], np.float64)
     total = np.array([part.sum() for part in parts])
     squares = np.array([(part**2).sum() for part in parts])
-    mean, variance = Ratio(total, count), Variance(total, squares, count)
+    mean, spread = Ratio(total, count), Pooled(variance, (total, squares, count))
     return {
         MetricKey(RUNTIME, "flow", "mean", "ms"): sample(mean, weights),
-        MetricKey(RUNTIME, "flow", "variance", "ms²"): sample(variance, weights),
+        MetricKey(RUNTIME, "flow", "variance", "ms²"): sample(spread, weights),
     }
 
 

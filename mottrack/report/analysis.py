@@ -11,11 +11,10 @@ import numpy as np
 from mottrack.core.arrays import F64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, classify_errors
-from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
-from mottrack.eval.nuscenes.levels import Curves
-from mottrack.eval.nuscenes.summary import evaluate_prepared
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold
+from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
+from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
+from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold, scored_part
 from mottrack.eval.velocity_error import (
     VelocityErrorConfig,
     VelocitySamples,
@@ -38,7 +37,7 @@ class ClassAnalysis:
 
     curves: dict[str, Curve] = field(default_factory=dict)
     """Class to its recall curves."""
-    anatomy: dict[str, ClassAnatomy] = field(default_factory=dict)
+    error_classes: dict[str, ClassErrors] = field(default_factory=dict)
     filters: tuple[ScoreFilter, ...] = (ScoreFilter(""),)
     """The boxes that the error counts are about."""
 
@@ -76,16 +75,17 @@ class Analysis:
     def of(cls, run: ScoredRun) -> Analysis:
         """Analyse the stored results of a run."""
         stored = [run.folder.load(scene) for scene in run.report.finished]
-        results = [result.where_labelled() for result in stored]
         config = run.experiment.settings.scores
+        results = [scored_part(result, config) for result in stored]
         classes = ClassAnalysis.of(results, list(run.scores.classes), config)
-        return cls(classes, _velocity(results, config.velocity), Timing.of(stored))
+        parts = [scored_part(result, config, truth=False) for result in stored]
+        return cls(classes, _velocity(parts, config.velocity), Timing.of(stored))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for the scripts of the page."""
         return {
             "curves": self.classes.curves,
-            "anatomy": {label: part.counts for label, part in self.classes.anatomy.items()},
+            "error_classes": {label: part.counts for label, part in self.classes.error_classes.items()},
             "velocity": self.velocity,
         }
 

@@ -105,7 +105,7 @@ def _tables(runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> dict[str
         "tracking": tracking_blocks(runs),
         "velocity": velocity_blocks(runs),
         "flow": flow_blocks(runs),
-        "gains": gain_rows(runs, [a.classes.anatomy for a in analyses]),
+        "gains": gain_rows(runs, [a.classes.error_classes for a in analyses]),
         "has_curves": any(a.classes.curves for a in analyses),
         "metrics": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
         "glossary": (*TRACKING, *VELOCITY, *FLOW, TIMING, INTERVAL, ORACLE),

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mottrack.core.arrays import I64, Mask, Texts
+from mottrack.core.arrays import I64
 from mottrack.core.result import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.eval.clear import associate
+from mottrack.eval.clear import associate, miss_kinds
 from mottrack.eval.pairs import BoxStream
 from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_pairs
 
@@ -53,7 +53,7 @@ def scene_errors(
         tracks = result.tracks.select(_rows_of(pairs.tracks, result.tracks))
         matched = associate(pairs)
         hit = matched.track_row
-        details = miss_details(pairs.truth, hit >= 0)
+        details = miss_kinds(pairs.truth.dense_ids(), pairs.truth.frame, hit >= 0)
         missed, switched = np.flatnonzero(hit < 0).tolist(), np.flatnonzero(matched.switched)
         errors += [_error(truth, row, "miss", str(details[row])) for row in missed]
         for row in switched.tolist():
@@ -75,19 +75,6 @@ def _error(boxes: TruthTable | TrackTable, row: int, kind: str, detail: str = ""
         track_id=NO_ID if of_truth else identity,
         xy_m=(float(boxes.centre_m[row, 0]), float(boxes.centre_m[row, 1])),
     )
-
-
-def miss_details(truth: BoxStream, hit: Mask) -> Texts:
-    """(G,) what each true box would be as a miss, from where its object is hit before and after."""
-    objects = truth.dense_ids()
-    count = int(objects.max(initial=-1)) + 1
-    first = np.full(count, np.iinfo(np.int64).max)
-    last = np.full(count, -1)
-    np.minimum.at(first, objects[hit], truth.frame[hit])
-    np.maximum.at(last, objects[hit], truth.frame[hit])
-    first, last = first[objects], last[objects]
-    conditions = [last < 0, truth.frame < first, truth.frame > last]
-    return np.select(conditions, ["never found", "late start", "early end"], "gap")
 
 
 def _rows_of(boxes: BoxStream, table: TruthTable | TrackTable) -> I64:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 
 from mottrack.eval.flow_error import FlowError
 from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy
+from mottrack.eval.nuscenes.error_classes import ClassErrors
 from mottrack.eval.scores import ClassScores
 from mottrack.eval.velocity_error import CATEGORIES, ErrorRow
 from mottrack.report.ranking import NAN, Cell, ReportRun, ranked_cells
@@ -106,19 +106,19 @@ def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:
 
 
 def gain_rows(
-    runs: Sequence[ReportRun], anatomies: Sequence[Mapping[str, ClassAnatomy]]
+    runs: Sequence[ReportRun], per_run: Sequence[Mapping[str, ClassErrors]]
 ) -> list[Row]:
     """Return the AMOTA that each run would gain without the errors of each type."""
-    gains = [_gains(run, anatomy) for run, anatomy in zip(runs, anatomies, strict=True)]
+    gains = [_gains(run, error_classes) for run, error_classes in zip(runs, per_run, strict=True)]
     kinds = dict.fromkeys(kind for gain in gains for kind in gain)
     return [Row(k, tuple(Cell(f"+{gain.get(k, 0.0):.3f}") for gain in gains)) for k in kinds]
 
 
-def _gains(run: ReportRun, anatomy: Mapping[str, ClassAnatomy]) -> dict[str, float]:
+def _gains(run: ReportRun, error_classes: Mapping[str, ClassErrors]) -> dict[str, float]:
     """AMOTA is a mean over the classes with truth, so a gain in one is divided by their number."""
     classes = sum(part.amota == part.amota for part in run.scored.scores.classes.values())
     gains: dict[str, float] = {}
-    for part in anatomy.values():
+    for part in error_classes.values():
         for kind, amota in part.amota_without.items():
             gains[kind] = gains.get(kind, 0.0) + (amota - part.amota) / max(classes, 1)
     return gains

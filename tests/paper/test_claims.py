@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mottrack.eval.nuscenes.bootstrap import draw
-from mottrack.eval.paired import MetricKey, PairedDifference, Ratio, sample
+from mottrack.eval.paired import MetricKey, PairedDifference, Ratio, draw, sample
 from mottrack.formats.text_table import to_latex
 from mottrack.paper.claims import Claim, Finding, claims, verdict_of
 from mottrack.paper.plan import Study
@@ -19,7 +18,7 @@ from mottrack.paper.results import FailedScene, StudyResult, flow_times
 from mottrack.paper.tables import claim_table, number_table, paper_table
 from mottrack.runs.differences import Resamples
 
-KEY = MetricKey("velocity", "static objects", "mean", "m/s")
+KEY = MetricKey("velocity", "unlabelled tracks (assumed static)", "mean", "m/s")
 NAN = float("nan")
 
 
@@ -109,7 +108,7 @@ def test_a_table_shows_both_values_and_what_was_not_measured() -> None:
     failed = replace(result, failed={FailedScene(DOGMA, "s1"): "out of memory"})
     assert "DOGMa: failed: out of memory." in paper_table(TABLE_IV, failed).note
     numbers = number_table(TABLE_IV, result)
-    assert numbers.rows[0][:2] == ("none", "static objects, mean")
+    assert numbers.rows[0][:2] == ("none", "unlabelled tracks (assumed static), mean")
     assert numbers.rows[0][5] == 0.839
     text = to_latex(shown)
     assert r"$\pm$" in text

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import ConfigError
-from mottrack.eval.nuscenes.bootstrap import draw
-from mottrack.eval.paired import Ratio, sample
+from mottrack.eval.paired import Ratio, draw, sample
 from mottrack.paper.page import write_paper
 from mottrack.paper.plan import STUDIES, Request, Study
 from mottrack.paper.published import NONE, TABLES

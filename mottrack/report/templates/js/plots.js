@@ -17,7 +17,7 @@ class Plots {
     this.runs = runs.map((run, index) => ({ ...run, index }));
     this.hidden = new Set();
     this.curveClass = chooser("curve-class", this.classes("curves"), () => this.drawCurves());
-    this.anatomyClass = chooser("anatomy-class", ["all classes", ...this.classes("anatomy")], () => this.drawAnatomy());
+    this.errorClass = chooser("error-class", ["all classes", ...this.classes("error_classes")], () => this.drawErrors());
     for (const holder of document.querySelectorAll("[data-run-switches]")) this.fillSwitches(holder);
     theme.listeners.push(() => this.draw());
     this.draw();
@@ -51,7 +51,7 @@ class Plots {
     }
     this.drawCurves();
     this.drawDistributions();
-    this.drawAnatomy();
+    this.drawErrors();
   }
 
   line(run, points) {
@@ -85,8 +85,8 @@ class Plots {
     }));
   }
 
-  drawAnatomy() {
-    const holder = document.getElementById("anatomy-plots");
+  drawErrors() {
+    const holder = document.getElementById("error-plots");
     if (!holder) return;
     holder.replaceChildren(...FAMILIES.map((family) => this.family(family)));
   }
@@ -118,8 +118,8 @@ class Plots {
   }
 
   count(run, kind) {
-    const wanted = this.anatomyClass.value;
-    const parts = wanted === "all classes" ? Object.values(run.anatomy) : [run.anatomy[wanted] ?? {}];
+    const wanted = this.errorClass.value;
+    const parts = wanted === "all classes" ? Object.values(run.error_classes) : [run.error_classes[wanted] ?? {}];
     return parts.reduce((sum, part) => sum + (part[kind] ?? 0), 0);
   }
 }

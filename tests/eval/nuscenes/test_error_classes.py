@@ -1,24 +1,24 @@
-"""Errors by kind: a scene made so that each kind occurs, and the books must balance."""
+"""Errors by kind: a scene in which each kind occurs, and sums equal to the official counts."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from mottrack.eval.nuscenes.anatomy import (
+from mottrack.eval.clear import MISSES
+from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Samples
+from mottrack.eval.nuscenes.error_classes import (
     FALSE_POSITIVES,
-    MISSES,
     SWITCHES,
     ErrorClassifier,
-    buckets,
+    as_plain,
+    classify_errors,
+    format_errors,
     truth_speeds,
 )
-from mottrack.eval.nuscenes.anatomy_report import as_plain, classify_errors, format_anatomy
-from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Samples
-from mottrack.eval.nuscenes.levels import class_scenes
+from mottrack.eval.nuscenes.metrics import class_scenes, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.nuscenes.summary import evaluate_prepared
 
 RULES = Rules()
 CAR, TRUCK = 2, 6
@@ -88,20 +88,20 @@ def test_kinds_add_up_to_the_official_counts(
 ) -> None:
     data = prepare(*make_problem(seed), RULES)
     metrics = evaluate_prepared(data, RULES)
-    anatomy = classify_errors(data, RULES)
-    assert anatomy
-    for name, part in anatomy.items():
+    errors = classify_errors(data, RULES)
+    assert errors
+    for name, part in errors.items():
         official = metrics.classes[name]
         for kinds, total in ((MISSES, "fn"), (FALSE_POSITIVES, "fp"), (SWITCHES, "ids")):
             assert sum(part.counts[kind] for kind in kinds) == official[total]
         assert part.amota == pytest.approx(official["amota"], abs=1e-12)
         assert all(without >= part.amota - 1e-12 for without in part.amota_without.values())
         assert sum(sum(row.values()) for row in part.by_range.values()) == sum(part.counts.values())
-    assert "background" in format_anatomy(anatomy)
-    assert set(as_plain(anatomy)) == set(anatomy)
+    assert "background" in format_errors(errors)
+    assert set(as_plain(errors)) == set(errors)
 
 
-def test_speed_is_that_of_the_neighbours_and_buckets_name_what_is_unknown() -> None:
+def test_speed_of_a_true_box_is_that_between_its_neighbours() -> None:
     data = scene()
     assert not truth_speeds(data).any()
     moving = BoxTable(
@@ -113,9 +113,3 @@ def test_speed_is_that_of_the_neighbours_and_buckets_name_what_is_unknown() -> N
         data.truth.num_points,
     )
     np.testing.assert_allclose(truth_speeds(Prepared(data.samples, moving, data.tracks)), 2.0)
-    masks = buckets(np.array([0.0, 1.0, np.nan]), (0.0, 1.0, 2.0), "m")
-    assert [mask.tolist() for mask in masks.values()] == [
-        [True, False, False],
-        [False, True, False],
-        [False, False, True],
-    ]

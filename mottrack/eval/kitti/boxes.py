@@ -22,7 +22,7 @@ class KittiBoxes:
     frame: I64
     """(N,)"""
     id: I64
-    """(N,) -1 for regions that nobody labelled."""
+    """(N,) -1 for regions without labels."""
     kind: Texts
     """(N,) type, lower case."""
     truncation: F64
@@ -40,12 +40,12 @@ class KittiBoxes:
         return len(self.frame)
 
     def select(self, index: NDArray[Any]) -> "KittiBoxes":
-        """The rows that a mask or index picks."""
+        """Return the rows that a mask or index picks."""
         return KittiBoxes(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def read_boxes(path: Path) -> KittiBoxes:
-    """Reads a label or result file; raises DataError that names the broken line."""
+    """Read a label or result file; raises DataError that names the broken line."""
     rows = [(n, line.split()) for n, line in enumerate(read_lines(path), 1) if line.strip()]
     kinds = [fields[2].lower() if len(fields) > 2 else "" for _, fields in rows]
     values = np.array([_numbers(path, n, fields) for n, fields in rows]).reshape(-1, COLUMNS)
@@ -53,7 +53,7 @@ def read_boxes(path: Path) -> KittiBoxes:
 
 
 def _numbers(path: Path, line: int, fields: list[str]) -> list[float]:
-    """The numbers of a line in the order of the format, without the type, with a score."""
+    """Return the numbers of a line in the order of the format, without the type, with a score."""
     if len(fields) not in (COLUMNS, COLUMNS + 1):
         raise DataError(path, f"line {line}", f"{len(fields)} fields", f"{COLUMNS} or one more")
     numbers = finite_numbers(path, line, [*fields[:2], *fields[3:]])

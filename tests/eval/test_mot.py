@@ -1,4 +1,4 @@
-"""MOTChallenge text: published figures, the distractor rule, faults of files."""
+"""MOTChallenge text: published metrics, the distractor rule, malformed files."""
 
 import json
 from pathlib import Path
@@ -8,8 +8,7 @@ from typer.testing import CliRunner
 
 from mottrack.cli import app
 from mottrack.core.errors import DataError, InputError
-from mottrack.eval.mot.evaluation import score_files
-from mottrack.eval.mot.text import read_boxes
+from mottrack.eval.mot import read_boxes, score_files
 
 EXACT = {
     "TUD-Campus": (0.526462, 0.277201, 0.557659),
@@ -47,7 +46,7 @@ def test_boxes_on_distractors_and_rows_of_confidence_zero_do_not_count(tmp_path:
     assert (row["truth"], row["fp"], row["fn"], row["hota"]) == (1, 0, 0, pytest.approx(1.0))
 
 
-def test_faults_name_the_line(tmp_path: Path) -> None:
+def test_errors_name_the_line(tmp_path: Path) -> None:
     path = tmp_path / "x.txt"
     for text, complaint in (
         ("1,1,0,0,5\n", "line 1 is 5 fields"),
@@ -67,7 +66,7 @@ def test_faults_name_the_line(tmp_path: Path) -> None:
     assert len(read_boxes(path)) == 0
 
 
-def test_stamps_for_frame_numbers_are_no_burden(tmp_path: Path) -> None:
+def test_stamps_in_place_of_frame_numbers_take_no_memory(tmp_path: Path) -> None:
     path = tmp_path / "x.txt"
     path.write_text("".join(f"{10**12 + k},1,0,0,5,5\n" for k in (0, 1, 5)))
     assert score_files(path, path).as_dict()["mota"] == 1.0
