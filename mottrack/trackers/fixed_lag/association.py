@@ -14,7 +14,7 @@ from mottrack.trackers.fixed_lag.config import FixedLagAssociationConfig
 from mottrack.trackers.fixed_lag.engine import Estimate
 
 REFERENCE_STEP_S = 0.25
-"""Longest step at which `gate_m` and `clutter_density_per_m2` hold as they are set.
+"""Longest step at which `gate_m` and `clutter_density_per_m2` hold for tracks of unknown velocity.
 
 The position of a new track without a measured velocity has the variance (10 m/s * dt)^2, so its
 likelihood falls with dt^2. Up to 0.25 s it still exceeds the default clutter density of 0.01/m^2,
@@ -30,6 +30,8 @@ class PredictedTracks(NamedTuple):
     """(N,) numbers of the class names."""
     inflation_m2: F64
     """(N,) variance added to the position if the first velocity was an outlier; 0 if settled."""
+    scale: F64
+    """(N,) length by which `gate_m` is multiplied; the clutter density falls with its square."""
 
 
 class SeenObjects(NamedTuple):
@@ -68,24 +70,6 @@ class Matches(NamedTuple):
         )
 
 
-def adapted_to_step(
-    config: FixedLagAssociationConfig, step_s: float, max_age_s: float
-) -> FixedLagAssociationConfig:
-    """Return the settings for a step of that length: long steps cover longer distances.
-
-    Beyond `REFERENCE_STEP_S`, lengths grow with the step: `gate_m` in proportion, the density per
-    square metre with the inverse square. A step counts at most `max_age_s`, for which tracks live.
-    """
-    scale = min(step_s, max_age_s) / REFERENCE_STEP_S
-    if scale <= 1.0:
-        return config
-    changes = {
-        "gate_m": config.gate_m * scale,
-        "clutter_density_per_m2": config.clutter_density_per_m2 / scale**2,
-    }
-    return config.model_copy(update=changes)
-
-
 def associate_clusters(
     tracks: PredictedTracks, objects: SeenObjects, config: FixedLagAssociationConfig
 ) -> Matches:
@@ -103,7 +87,8 @@ def associate_clusters(
     if config.rule == "nearest":
         return pairs.select(_nearest(pairs))
     clutter = 2.0 * np.log(2.0 * np.pi * config.clutter_density_per_m2)
-    return pairs.select(_likeliest(pairs.cost + clutter, (pairs.track, pairs.object)))
+    excess = pairs.cost + clutter - 4.0 * np.log(tracks.scale[pairs.track])
+    return pairs.select(_likeliest(excess, (pairs.track, pairs.object)))
 
 
 def _candidates(
@@ -111,11 +96,12 @@ def _candidates(
 ) -> Matches:
     """Return the pairs within the gates."""
     predicted_m = tracks.estimate.mean[:, :2]
-    reach_m = np.full(len(objects.xy_m), config.gate_m)
+    gate_m = config.gate_m * tracks.scale
+    reach_m = np.full(len(objects.xy_m), gate_m.max(initial=0.0))
     labels = (tracks.label, objects.label)
     track, found = candidate_pairs(predicted_m, objects.xy_m, reach_m, labels)
     off = objects.xy_m[found] - predicted_m[track]
-    near = np.einsum("pi,pi->p", off, off) <= config.gate_m**2
+    near = np.einsum("pi,pi->p", off, off) <= gate_m[track] ** 2
     track, found, off = track[near], found[near], off[near]
     spread = tracks.estimate.covariance[track, :2, :2] + objects.covariance_m2[found]
     inflation = tracks.inflation_m2[track]

@@ -22,6 +22,8 @@ _ROW = np.dtype(
         ("z_m", np.float64),
         ("reference_m", np.float64, 2),  # measured position, to which the hull belongs
         ("hits", np.int64),
+        ("velocity_known", np.bool_),  # measured, or seen at two stamps
+        ("extra_hits", np.int64),  # detections needed for output beyond `min_hits`
         ("seen_ns", np.int64),
         ("merged_ns", np.int64),  # since when part of a merged cluster; -1 where it is not
         ("split_ns", np.int64),  # since when seen in pieces; -1 where it is seen whole
@@ -71,6 +73,8 @@ class TrackSlots:
         born = slots[fresh]
         self._rows["id"][born] = self._ids + 1 + np.arange(len(born))
         self._rows["hits"][born] = 0
+        self._rows["velocity_known"][born] = False
+        self._rows["extra_hits"][born] = 0
         self._rows["split_ns"][born] = -1
         self._ids += len(born)
         self._alive[slots] = True

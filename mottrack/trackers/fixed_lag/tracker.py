@@ -14,10 +14,10 @@ from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.geometry.two_by_two import mahalanobis_2x2
 from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.association import (
+    REFERENCE_STEP_S,
     Matches,
     PredictedTracks,
     SeenObjects,
-    adapted_to_step,
     associate_clusters,
 )
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
@@ -70,9 +70,9 @@ class FixedLagTracker:
         self._engine = make_engine(self.config)
         self._robust = RobustWeights(self.config.robust, self.config.missed_motion)
         self._tracks = TrackSlots()
-        self._association = self.config.association
-        """Settings adapted to the length of the present step."""
         self._stamp_ns: int | None = None
+        self._step_s = 0.0
+        """Length of the present step, at most `max_age_s`: older tracks are deleted anyway."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
         """Advance to `stamp_ns` with these objects (world frame) and return the tracks.
@@ -89,10 +89,10 @@ class FixedLagTracker:
         stamp_ns = as_stamp("stamp_ns", stamp_ns)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
-        step_s = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
+        if self._stamp_ns is not None:
+            max_age_s = self.config.track_management.max_age_s
+            self._step_s = min((stamp_ns - self._stamp_ns) * 1e-9, max_age_s)
         self._stamp_ns = stamp_ns
-        max_age_s = self.config.track_management.max_age_s
-        self._association = adapted_to_step(self.config.association, step_s, max_age_s)
         predicted = self._predict(stamp_ns)
         objects, pairs = self._join_fragments(predicted, objects)
         measurements = measurements_of(objects, self.config.measurement)
@@ -188,13 +188,14 @@ class FixedLagTracker:
             Estimate(predicted.estimate.mean[free], predicted.estimate.covariance[free]),
             self._tracks["label"][slots],
             self._inflation_m2(slots, objects.stamp_ns),
+            self._scale(slots, measurements),
         )
         seen = SeenObjects(
             objects.centre_m[rows, :2],
             self._tracks.label_numbers(objects.label)[rows],
             measurements.position_covariance_m2[rows],
         )
-        found = associate_clusters(tracks, seen, self._association)
+        found = associate_clusters(tracks, seen, self.config.association)
         return found._replace(track=free[found.track], object=rows[found.object])
 
     def _inflation_m2(self, slots: I64, stamp_ns: int) -> F64:
@@ -203,6 +204,19 @@ class FixedLagTracker:
         dt_s = (stamp_ns - self._tracks["seen_ns"][slots]) * 1e-9
         reach_m = self.config.motion.birth_speed_sigma_mps * dt_s
         return np.where(young, reach_m**2, 0.0)
+
+    def _scale(self, slots: I64, measurements: Measurements) -> F64:
+        """Return the step over `REFERENCE_STEP_S` for tracks (N,) of unknown velocity; else 1.
+
+        Where the objects come with velocities, those are the better way to find a track again. An
+        association over such a long step is uncertain: the track needs another hit for output.
+        """
+        scale = max(self._step_s / REFERENCE_STEP_S, 1.0)
+        if scale == 1.0 or measurements.has_velocity.any():
+            return np.ones(len(slots))
+        unknown = ~self._tracks["velocity_known"][slots]
+        self._tracks["extra_hits"][slots[unknown]] = 1
+        return np.where(unknown, scale, 1.0)
 
     def _add_nodes(
         self,
@@ -244,6 +258,8 @@ class FixedLagTracker:
         for slot in slots[~used & birth].tolist():
             self._tracks.release(slot)
         self._tracks.record(slots[used], objects, rows[used])
+        measured = measurements.has_velocity[rows] | ~birth
+        self._tracks["velocity_known"][slots[used]] |= measured[used]
         return slots[used]
 
     def _propagate_velocity(
@@ -290,7 +306,8 @@ class FixedLagTracker:
         tracks, management = self._tracks, self.config.track_management
         slots = tracks.slots()
         observed = np.isin(slots, seen)
-        is_published = tracks["hits"][slots] >= management.min_hits
+        needed = management.min_hits + tracks["extra_hits"][slots]
+        is_published = tracks["hits"][slots] >= needed
         is_published &= observed | management.publish_coasting
         slots, observed = slots[is_published], observed[is_published]
         if len(slots) == 0:
