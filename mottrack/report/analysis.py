@@ -85,7 +85,9 @@ class Analysis:
         """Return plain data for the scripts of the page."""
         return {
             "curves": self.classes.curves,
-            "error_classes": {label: part.counts for label, part in self.classes.error_classes.items()},
+            "error_classes": {
+                label: part.counts for label, part in self.classes.error_classes.items()
+            },
             "velocity": self.velocity,
         }
 
