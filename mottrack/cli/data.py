@@ -53,11 +53,11 @@ def check(
 ) -> None:
     """Walk a data set and report what is missing, damaged or out of order; exit code 3 if any."""
     from mottrack.core.errors import ConfigError
+    from mottrack.core.processes import available_cores
     from mottrack.datasets.check.report import report_lines
     from mottrack.datasets.check.walk import Walk, check_dataset, kind_of_folder
     from mottrack.experiment.overrides import parse_override
     from mottrack.experiment.plugins import load_part
-    from mottrack.runs.workers import available_cores
 
     settings: dict[str, object] = {
         "kind": format_name or kind_of_folder(dataset),

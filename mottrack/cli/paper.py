@@ -1,4 +1,4 @@
-"""``mottrack paper``: the paper's tables, figures and claims, measured again."""
+"""``mottrack paper``: reproduction of the paper's tables, figures and claims."""
 
 from __future__ import annotations
 
@@ -7,45 +7,48 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import Workers
+from mottrack.cli.arguments import EXIT_SCENES_FAILED, Workers
 
-EXIT_SCENES_FAILED = 3
-
-Root = Annotated[Path | None, typer.Option(help="folder of the data set, if it shall take part")]
+Root = Annotated[Path | None, typer.Option(help="folder of the data set, to include it")]
 Settings = Annotated[
     list[str] | None,
     typer.Argument(
-        help="NAME.key=value: settings of a recorded data set, as in "
+        help="NAME.key=value: settings of a recorded data set, such as "
         "nuscenes.detections=FILE or kitti.velodyne_root=FOLDER"
     ),
 ]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command of this module."""
+    """Add the command of this module."""
     app.command("paper")(paper)
 
 
 def paper(  # noqa: PLR0913
     settings: Settings = None,
     *,
-    out: Annotated[Path, typer.Option("--out", help="folder; an interrupted run goes on in it")],
+    out: Annotated[
+        Path, typer.Option("--out", help="folder for results; an interrupted run in it is resumed")
+    ],
     quick: Annotated[bool, typer.Option("--quick", help="few and short scenes")] = False,
     kitti: Root = None,
     nuscenes: Root = None,
     argoverse2: Root = None,
     ablation: Annotated[
-        Path | None, typer.Option(help="folder of Table II's weights: NAME/weights.safetensors")
+        Path | None, typer.Option(help="folder with weights of Table II: NAME/weights.safetensors")
     ] = None,
     workers: Workers = 0,
 ) -> None:
-    """Measure every table, figure and claim of the paper again, beside what it prints."""
+    """Reproduce every table, figure and claim of the paper, beside the printed values.
+
+    Example: mottrack paper --quick --out out/paper
+    """
+    from mottrack.core.processes import available_cores
     from mottrack.paper.page import write_paper
     from mottrack.paper.plan import Request
     from mottrack.paper.results import run_studies
     from mottrack.paper.studies import studies
     from mottrack.runs.terminal import TerminalProgress
-    from mottrack.runs.workers import available_cores
 
     roots = {"kitti": kitti, "nuscenes": nuscenes, "argoverse2": argoverse2}
     given = {name: root for name, root in roots.items() if root is not None}

@@ -13,7 +13,7 @@ Folder = Annotated[Path, typer.Argument(help="folder of a run, or of a compariso
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command of this module."""
+    """Add the command of this module."""
     app.command("report")(report)
 
 
@@ -21,16 +21,19 @@ def report(
     folder: Folder,
     *,
     out: Annotated[
-        Path | None, typer.Option("--out", help="HTML file; report.html in the folder")
+        Path | None, typer.Option("--out", help="HTML file (default: report.html in the folder)")
     ] = None,
     max_mb: Annotated[
-        float, typer.Option("--max-mb", min=0.0, help="room for the moving pictures of scenes")
+        float, typer.Option("--max-mb", min=0.0, help="size limit of the animated scenes, MB")
     ] = 15.0,
     baseline: Baseline = None,
 ) -> None:
-    """Write the HTML report of a finished run or comparison; nothing runs again."""
+    """Write the HTML report of a finished run or comparison, from its stored results.
+
+    Example: mottrack report out/demo --baseline zero
+    """
     from mottrack.report.page import write_report
-    from mottrack.runs.stored_comparison import load_comparison
+    from mottrack.runs.comparison import load_comparison
 
     path = folder / "report.html" if out is None else out
     write_report(load_comparison(folder, baseline), path, max_mb=max_mb)

@@ -34,11 +34,11 @@ def view(
     ] = None,
 ) -> None:
     """Look at the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
-    from mottrack.runs.stored_scene import StoredScene, pick_scene, stored_scenes
+    from mottrack.runs.run_folder import RunFolder, pick_scene, stored_scenes
     from mottrack.viz.recording import Recording
 
+    folder = RunFolder(run)
     for name in stored_scenes(run) if scene is None else [pick_scene(run, scene)]:
-        stored = StoredScene.load(run, name)
         recording = Recording.of(name)
         if save is None:
             recording.show()
@@ -47,7 +47,7 @@ def view(
             file = save.with_stem(f"{save.stem}-{name}") if several else save
             recording.write_to(file)
             typer.echo(str(file))
-        recording.log(stored.result, stored.snapshots)
+        recording.log(folder.load(name), folder.load_snapshots(name))
 
 
 def animate(
@@ -61,12 +61,13 @@ def animate(
     speed: Speed = 1.0,
 ) -> None:
     """Write a scene of a run as an animation seen from above."""
-    from mottrack.runs.stored_scene import StoredScene, pick_scene
+    from mottrack.runs.run_folder import RunFolder, pick_scene
     from mottrack.viz.film import film, period_s
 
-    stored = StoredScene.load(run, pick_scene(run, scene))
-    pictures = film(stored.result, stored.snapshots, reach_m=reach_m)
-    _write(out, pictures, period_s(stored.result) / speed)
+    folder, name = RunFolder(run), pick_scene(run, scene)
+    result = folder.load(name)
+    pictures = film(result, folder.load_snapshots(name), reach_m=reach_m)
+    _write(out, pictures, period_s(result) / speed)
 
 
 def animate_map(

@@ -1,4 +1,4 @@
-"""The ground floor: types, interfaces and errors. Imports numpy alone, and nothing of ours."""
+"""Types, interfaces and errors. Depends on numpy alone and on no other package of mottrack."""
 
 from mottrack.core.errors import (
     ConfigError,
@@ -13,11 +13,14 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import (
     Dataset,
     FlowSource,
+    FlowSourceBase,
     FrameObserver,
     GroundMap,
     GroundUser,
     ObjectSource,
+    ObjectSourceBase,
     Scene,
+    TableEntry,
     Tracker,
 )
 from mottrack.core.motion import FlowField, VelocityMeasurement
@@ -37,6 +40,7 @@ __all__ = [
     "FlowField",
     "FlowSamples",
     "FlowSource",
+    "FlowSourceBase",
     "Frame",
     "FrameObserver",
     "FrameTable",
@@ -46,6 +50,7 @@ __all__ = [
     "MottrackError",
     "MottrackWarning",
     "ObjectSource",
+    "ObjectSourceBase",
     "Objects",
     "Pose",
     "ResultError",
@@ -53,6 +58,7 @@ __all__ = [
     "SceneResult",
     "Snapshot",
     "Sweep",
+    "TableEntry",
     "TrackTable",
     "Tracker",
     "Tracks",

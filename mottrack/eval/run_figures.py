@@ -11,6 +11,7 @@ from mottrack.core import InputError, SceneResult
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.tables import FlowSamples
 from mottrack.eval.flow_error import angular_error
+from mottrack.eval.memo import Memo
 from mottrack.eval.nuscenes.bootstrap import draw, evaluate_weighted, profiles
 from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
 from mottrack.eval.nuscenes.profile import Profile
@@ -52,25 +53,28 @@ class Resampling:
         return cls(draw(len(runs[0]), resamples), rules, config)
 
 
-def run_figures(results: Sequence[SceneResult], common: Resampling) -> Figures:
+def run_figures(
+    results: Sequence[SceneResult], common: Resampling, memo: Memo | None = None
+) -> Figures:
     """Every figure of a run, on the whole and on every resample.
 
     MOTA, MOTP and IDS are the official ones: means over the classes (IDS: the sum), each class at
     its best score, which is sought anew in every resample. Where classes are not told apart they
     are those of all boxes together.
     """
-    labelled = [result.where_labelled() for result in results]
-    figures = dict(_velocity(labelled, common.config)) | dict(_flow(results))
+    memo = memo or Memo()
+    labelled = [memo(SceneResult.where_labelled, result) for result in results]
+    figures = dict(_velocity(labelled, common.config, memo)) | dict(_flow(results))
     sampled = {key: sample(figure, common.weights) for key, figure in figures.items()}
-    return _tracking(labelled, common) | sampled
+    return _tracking(labelled, common, memo) | sampled
 
 
-def _tracking(results: Sequence[SceneResult], common: Resampling) -> Figures:
+def _tracking(results: Sequence[SceneResult], common: Resampling, memo: Memo) -> Figures:
     if common.rules is None:
         pooled = _pooled(results, common.config)
         return {key: sample(figure, common.weights) for key, figure in pooled}
     try:
-        classes = profiles(prepare_results(results, common.rules), common.rules)
+        classes = profiles(memo(prepare_results, results, common.rules), common.rules)
     except InputError:  # no box in range on one side: there is nothing to average
         return {}
     return _official(classes, common)
@@ -106,9 +110,9 @@ def _pooled(
 
 
 def _velocity(
-    results: Sequence[SceneResult], config: ScoreConfig
+    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo
 ) -> Iterator[tuple[MetricKey, Metric]]:
-    samples = [velocity_samples(result, config.velocity) for result in results]
+    samples = [memo(velocity_samples, result, config.velocity) for result in results]
     declared = {name for result in results for name in result.classes}
     masks = [category_masks(part, config.velocity, declared) for part in samples]
     rows = list(dict.fromkeys(row for mask in masks for row in mask))

@@ -18,8 +18,10 @@ from mottrack.core.arrays import F64, Mask
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
-from mottrack.eval.nuscenes.from_results import result_metrics, rules_for
+from mottrack.eval.memo import Memo
+from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
 from mottrack.eval.nuscenes.levels import Curves
+from mottrack.eval.nuscenes.summary import evaluate_prepared
 from mottrack.eval.pairs import BoxStream, Pairs, centre_distance, find_pairs, overlap
 from mottrack.eval.velocity_error import (
     ErrorRow,
@@ -130,23 +132,25 @@ class ScoreFilter:
     """Boxes at least this far from the vehicle are left out, as the official rules do."""
 
 
-def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> Scores:
+def score(
+    results: Sequence[SceneResult], config: ScoreConfig | None = None, memo: Memo | None = None
+) -> Scores:
     """Scores of the scenes together.
 
     Truth counts from the first to the last frame in which its object has a LiDAR return. Where no
     track carries a class of the truth (clusters), classes are not told apart.
     """
-    config = config or ScoreConfig()
-    results = [result.where_labelled() for result in results]
+    config, memo = config or ScoreConfig(), memo or Memo()
+    results = [memo(SceneResult.where_labelled, result) for result in results]
     labels = counted_labels(results)
     class_aware = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
     if config.class_agnostic or not class_aware:
-        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config)
+        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config, memo)
     rules = rules_for(labels)
     try:
-        figures = result_metrics(results, rules)
+        figures = memo(evaluate_prepared, memo(prepare_results, results, rules), rules)
     except InputError:  # nothing in range on one side: counts are all there is to say
-        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config)
+        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config, memo)
     classes = {}
     for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
         cut = ScoreFilter(label, best_threshold(figures.curves[label], config), range_m)
@@ -158,7 +162,7 @@ def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> 
         amota=figures.total["amota"],
         amotp_m=figures.total["amotp"],
     )
-    return _scores(results, total, classes, config)
+    return _scores(results, total, classes, config, memo)
 
 
 def _scores(
@@ -166,9 +170,10 @@ def _scores(
     overall: ClassScores,
     classes: dict[str, ClassScores],
     config: ScoreConfig,
+    memo: Memo,
 ) -> Scores:
     flow = [result.flow for result in results if len(result.flow)]
-    samples = [velocity_samples(result, config.velocity) for result in results]
+    samples = [memo(velocity_samples, result, config.velocity) for result in results]
     declared = {name for result in results for name in result.classes}
     velocity = velocity_table(samples, config.velocity, declared)
     return Scores(overall, classes, velocity, flow_table(flow) if flow else {})

@@ -1,4 +1,4 @@
-"""``key=value`` on the command line, with Hydra's syntax: ``flow=icp``, ``tracker.gate=5,7``."""
+"""Overrides ``key=value`` and sweeps, in Hydra's syntax: ``flow=icp``, ``tracker.gate=5,7``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Choice = tuple[str, Any]
 
 
 def parse_override(text: str) -> tuple[str, list[Any]]:
-    """Splits ``key=value`` into the key and its values; commas outside brackets make a sweep.
+    """Split ``key=value`` into the key and its values; commas outside brackets make a sweep.
 
     Raises:
         ConfigError: there is no ``=``, or the key or a value is empty.
@@ -30,14 +30,14 @@ def parse_override(text: str) -> tuple[str, list[Any]]:
 
 
 def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, list[Choice]]]:
-    """All combinations of a sweep: (name of the variant, the choices that make it).
+    """Return all combinations of a sweep: (name of the variant, its choices).
 
     A list under a group in the file (``flow: [zero, icp]``) and a list on the command line
     (``flow=zero,icp``) both make a sweep; the command line wins. The order is that of the file,
     then of the command line. A single combination has the name ``""``.
 
     Raises:
-        ConfigError: an override is none, or a list is empty.
+        ConfigError: an override is malformed, or a list is empty.
     """
     axes: dict[str, list[Any]] = {g: list(tree[g]) for g in GROUPS if isinstance(tree.get(g), list)}
     for text in overrides:
@@ -57,7 +57,7 @@ def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str,
 
 
 def set_key(tree: dict[str, Any], key: str, value: Any) -> None:
-    """Sets ``a.b.c`` in nested mappings, making those that are missing.
+    """Set ``a.b.c`` in nested mappings, creating those that are missing.
 
     Raises:
         ConfigError: the key leads through something that is not a mapping.

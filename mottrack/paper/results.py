@@ -24,9 +24,10 @@ from mottrack.eval.run_figures import Figures
 from mottrack.paper.claims import Finding, claims, judge
 from mottrack.paper.machine import machines, note_machine
 from mottrack.paper.plan import Study
-from mottrack.runs.differences import Resamples, RunInput, sample_runs
+from mottrack.runs.differences import Resamples, sample_runs
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Job, RunReport, run_jobs
+from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.workers import Progress
 
 WARM_UP_FRAMES = 3
@@ -147,26 +148,20 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
         for scene, reason in report.failed.items()
     }
     run_inputs = [
-        RunInput(
-            run.variant,
-            study.dataset,
-            own[run.variant].finished,
-            folders[run.variant].load,
-            run.settings.scores,
-        )
+        ScoredRun(run, folders[run.variant], own[run.variant])
         for run in study.runs
         if own[run.variant].finished
     ]
     return StudyResult(study, _sampling(study.name, run_inputs), failed, folders)
 
 
-def _sampling(name: str, run_inputs: Sequence[RunInput]) -> Resamples:
+def _sampling(name: str, run_inputs: Sequence[ScoredRun]) -> Resamples:
     if not run_inputs or name == BALL:
         return Resamples(())
     return sample_times(run_inputs) if name == RUNTIME else sample_runs(run_inputs)
 
 
-def sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
+def sample_times(run_inputs: Sequence[ScoredRun]) -> Resamples:
     """Mean and variance of the flow's time of every run, resampled by scene."""
     first = run_inputs[0].finished
     scenes = tuple(s for s in first if all(s in c.finished for c in run_inputs))

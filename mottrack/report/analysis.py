@@ -15,9 +15,8 @@ from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, classify_errors
 from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
 from mottrack.eval.nuscenes.levels import Curves
 from mottrack.eval.nuscenes.summary import evaluate_prepared
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold
+from mottrack.eval.scores import ScoreFilter, best_threshold
 from mottrack.eval.velocity_error import (
-    VelocityErrorConfig,
     VelocitySamples,
     category_masks,
     velocity_samples,
@@ -46,12 +45,9 @@ class Analysis:
     @classmethod
     def of(cls, run: ScoredRun) -> Analysis:
         """Reads the run's results once."""
-        stored = [run.folder.load(scene) for scene in run.report.finished]
-        results = [result.where_labelled() for result in stored]
-        config = run.experiment.settings.scores
-        curves, anatomy, cuts = _by_class(results, list(run.scores.classes), config)
-        velocity = _velocity(results, config.velocity)
-        return cls(curves, anatomy, velocity, cuts, Timing.of(stored))
+        results = [run.memo(SceneResult.where_labelled, result) for result in run.results]
+        curves, anatomy, cuts = _by_class(results, list(run.scores.classes), run)
+        return cls(curves, anatomy, _velocity(results, run), cuts, Timing.of(run.results))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for the page's scripts."""
@@ -64,7 +60,7 @@ class Analysis:
 
 
 def _by_class(
-    results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
+    results: Sequence[SceneResult], labels: Sequence[str], run: ScoredRun
 ) -> tuple[
     dict[str, dict[str, list[float | None]]], dict[str, ClassAnatomy], tuple[ScoreFilter, ...]
 ]:
@@ -73,12 +69,12 @@ def _by_class(
         return {}, {}, everything
     rules = rules_for(labels)
     try:
-        prepared = prepare_results(results, rules)
+        prepared = run.memo(prepare_results, results, rules)
     except InputError:  # nothing in range on one side: there are no curves to draw
         return {}, {}, everything
-    found = evaluate_prepared(prepared, rules).curves
+    found = run.memo(evaluate_prepared, prepared, rules).curves
     cuts = tuple(
-        ScoreFilter(label, best_threshold(found[label], config), range_m)
+        ScoreFilter(label, best_threshold(found[label], run.config), range_m)
         for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
     )
     curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
@@ -100,10 +96,11 @@ def _curve(curve: Curves) -> dict[str, list[float | None]]:
     return {name: _plain(columns[name][rows]) for name in ("asked", "confidence", *CURVES)}
 
 
-def _velocity(
-    results: Sequence[SceneResult], config: VelocityErrorConfig
-) -> dict[str, list[float]]:
-    samples = VelocitySamples.stacked([velocity_samples(result, config) for result in results])
+def _velocity(results: Sequence[SceneResult], run: ScoredRun) -> dict[str, list[float]]:
+    config = run.config.velocity
+    samples = VelocitySamples.stacked(
+        [run.memo(velocity_samples, result, config) for result in results]
+    )
     declared = {name for result in results for name in result.classes}
     masks = category_masks(samples, config, declared)
     return {

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots
 from mottrack.report.analysis import Analysis
 from mottrack.report.film import RunFilm, SceneStage
@@ -85,13 +86,13 @@ def _reel(
     analyses: Sequence[Analysis],
 ) -> PackedScene:
     first, snapshots = filmed[0]
-    stage = SceneStage(first.run.folder.load(scene), snapshots)
+    stage = SceneStage(first.run.load(scene), snapshots)
     runs: dict[int, str] = {}
     for entrant, kept in filmed:
-        result = entrant.run.folder.load(scene)
+        result = entrant.run.load(scene)
         config = entrant.run.experiment.settings.scores
         cuts = analyses[entrant.index].cuts if entrant.has_truth else ()
-        errors = scene_errors(result.where_labelled(), cuts, config)
+        errors = scene_errors(entrant.run.memo(SceneResult.where_labelled, result), cuts, config)
         runs[entrant.index] = RunFilm(stage, result, kept, errors).packed()
     return PackedScene(dataset, scene, stage.packed(), runs)
 

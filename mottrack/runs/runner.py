@@ -1,4 +1,4 @@
-"""Runs the scenes of an experiment in supervised processes, and picks up where it stopped."""
+"""Run the scenes of experiments in supervised processes; resume interrupted runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mottrack.runs.workers import Outcome, Progress, Task, run_tasks
 
 @dataclass(frozen=True)
 class Job:
-    """An experiment and where its results are kept."""
+    """An experiment and the folder of its results."""
 
     experiment: Experiment
     folder: RunFolder
@@ -24,24 +24,23 @@ class Job:
 
 @dataclass(frozen=True)
 class RunReport:
-    """What became of the scenes."""
+    """Finished and failed scenes of a run."""
 
     finished: tuple[str, ...]
     failed: dict[str, str]
     """Scene to the reason, one line each."""
     resumed: int
-    """How many of the finished scenes were there already."""
+    """Number of finished scenes that an earlier run had stored."""
     wall_s: float
 
 
 def run_experiment(
     experiment: Experiment, folder: RunFolder, *, workers: int, progress: Progress
 ) -> RunReport:
-    """Runs every scene that has no result yet; one that fails does not lose the others.
+    """Run every scene that has no result yet; a failure does not affect the others.
 
     Raises:
-        ConfigError: a scene is unknown, or the folder belongs to another configuration, other code
-            or other weights.
+        ConfigError: as `run_jobs`.
     """
     return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
 
@@ -49,9 +48,9 @@ def run_experiment(
 def run_jobs(
     jobs: Sequence[Job], *, workers: int, progress: Progress, title: str = ""
 ) -> list[RunReport]:
-    """The same for several experiments in one pool: none waits for another's last scene.
+    """Run several experiments in one pool: none waits for another's last scene.
 
-    They take turns scene by scene: what slows the machine for a while slows them all alike.
+    They alternate scene by scene: what slows the machine for a while slows them all alike.
 
     Raises:
         ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
@@ -60,7 +59,7 @@ def run_jobs(
     start = time.perf_counter()
     scenes = [scene_names(job.experiment) for job in jobs]
     for job in jobs:
-        job.folder.claim(job.experiment)
+        job.folder.reserve(job.experiment)
     todo = (
         [Task(job.experiment, s, job.folder.path) for s in names if not job.folder.finished(s)]
         for job, names in zip(jobs, scenes, strict=True)
@@ -71,7 +70,7 @@ def run_jobs(
         outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
     finally:
         for job in jobs:
-            job.folder.tidy()
+            job.folder.remove_partial()
     wall_s = time.perf_counter() - start
     return [
         _report(names, [o for o in outcomes if o.folder == job.folder.path], wall_s)
@@ -93,7 +92,7 @@ def _title(jobs: Sequence[Job]) -> str:
 
 
 def scene_names(experiment: Experiment) -> tuple[str, ...]:
-    """The scenes that the experiment asks for, in the data set's order.
+    """Return the scenes that the experiment asks for, in the data set's order.
 
     Raises:
         ConfigError: the data set has no scene, or not one that is asked for.
@@ -107,18 +106,18 @@ def scene_names(experiment: Experiment) -> tuple[str, ...]:
         return tuple(known)
     for scene in wanted:
         if scene not in known:
-            dataset.scene(scene)  # a data set may open scenes it does not list; else it complains
+            dataset.scene(scene)  # a data set may open scenes that it does not list; else it raises
     return tuple(wanted)
 
 
 def scene_task(task: Task, on_frame: Callable[[int, int], None]) -> None:
-    """Runs one scene and stores its result: what a worker does."""
+    """Run one scene and store its result: the work of a worker process."""
     experiment = task.experiment
     dataset = experiment.dataset.make()
-    drawn = (experiment.settings.scenes or dataset.scene_names)[
+    kept = (experiment.settings.scenes or dataset.scene_names)[
         : experiment.settings.snapshots.scenes
     ]
     run = run_scene(
-        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in drawn
+        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in kept
     )
     RunFolder(task.folder).store(run)

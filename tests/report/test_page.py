@@ -8,8 +8,7 @@ import pytest
 
 from mottrack.core import ConfigError
 from mottrack.report.page import write_report
-from mottrack.runs.comparison import Comparison
-from mottrack.runs.stored_comparison import load_comparison
+from mottrack.runs.comparison import Comparison, load_comparison
 
 VOID = {"wbr", "meta", "img", "br", "link", "input", "line", "rect"}
 

@@ -57,7 +57,7 @@ def test_names_of_tables_and_engines_are_checked() -> None:
         KalmanTracker(Config(noise={"table": "chiu"}))
     with pytest.raises(ConfigError, match="motion cv alone"):
         KalmanTracker(Config(engine="block", motion={"default": "ctrv"}))
-    assert TRACKERS["kalman"] == "mottrack.trackers.kalman:KalmanTracker"
+    assert TRACKERS["kalman"].target == "mottrack.trackers.kalman:KalmanTracker"
 
 
 def test_a_track_is_confirmed_after_a_quarter_of_a_second_at_any_rate() -> None:
