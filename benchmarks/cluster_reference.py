@@ -20,7 +20,6 @@ from mottrack.geometry.iou import bev_corners, boxes7
 from mottrack.geometry.polygon import intersection_area, polygon_area
 from mottrack.objects.clusters import ClustersConfig, ClusterSource, ReferenceConfig
 
-
 RULES = ("hull_centroid", "rectangle_centre", "nearest_corner", "cell_mean")
 
 

@@ -19,22 +19,22 @@ class InputError(MottrackError, ValueError):
     """An array or argument handed over through the Python API is not usable."""
 
     def __init__(self, field: str, value: object, expected: str) -> None:
+        super().__init__(field, value, expected)  # the arguments, so that it can be pickled
         self.field, self.value, self.expected = field, value, expected
-        super().__init__(f"{field} is {value}, expected {expected}")
 
-    def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
-        return type(self), (self.field, self.value, self.expected)
+    def __str__(self) -> str:
+        return f"{self.field} is {self.value}, expected {self.expected}"
 
 
 class DataError(MottrackError):
     """A file of a data set, a submission or a result is not usable."""
 
     def __init__(self, file: str | Path, field: str, value: object, expected: str) -> None:
+        super().__init__(file, field, value, expected)
         self.file, self.field, self.value, self.expected = Path(file), field, value, expected
-        super().__init__(f"{file}: {field} is {value}, expected {expected}")
 
-    def __reduce__(self) -> tuple[type[DataError], tuple[Path, str, object, str]]:
-        return type(self), (self.file, self.field, self.value, self.expected)
+    def __str__(self) -> str:
+        return f"{self.file}: {self.field} is {self.value}, expected {self.expected}"
 
 
 class ConfigError(MottrackError):

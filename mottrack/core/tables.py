@@ -15,15 +15,6 @@ from mottrack.core.frame import Frame
 from mottrack.core.objects import Tracks
 
 ALL_AROUND_RAD = (-np.pi, np.pi)
-BOX_COLUMNS: Columns = {
-    "frame": Column(np.int64),
-    "id": Column(np.int64),
-    "label": Column(np.str_),
-    "centre_m": Column(np.float64, (3,)),
-    "size_m": Column(np.float64, (3,)),
-    "yaw_rad": Column(np.float64),
-    "velocity_mps": Column(np.float64, (2,)),
-}
 
 
 class Table:
@@ -123,26 +114,40 @@ class FrameTable(Table):
 
 
 @dataclass(frozen=True, slots=True)
-class TruthTable(Table):
-    """True boxes of a scene, world frame, with the columns of `Truth`.
-
-    ``frame`` is the row of the FrameTable.
-    """
+class BoxTable(Table):
+    """Boxes of a scene, world frame; shapes and units are those of `Tracks` and `Truth`."""
 
     COLUMNS: ClassVar[Columns] = {
-        **BOX_COLUMNS,
-        "num_points": Column(np.int64),
-        "interpolated": Column(np.bool_),
+        "frame": Column(np.int64),
+        "id": Column(np.int64),
+        "label": Column(np.str_),
+        "centre_m": Column(np.float64, (3,)),
+        "size_m": Column(np.float64, (3,)),
+        "yaw_rad": Column(np.float64),
+        "velocity_mps": Column(np.float64, (2,)),
     }
-    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
     frame: I64
+    """(N,) row of the FrameTable."""
     id: I64
     label: Texts
     centre_m: F64
     size_m: F64
     yaw_rad: F64
     velocity_mps: F64
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTable(BoxTable):
+    """True boxes of a scene, with the columns of `Truth`."""
+
+    COLUMNS: ClassVar[Columns] = {
+        **BoxTable.COLUMNS,
+        "num_points": Column(np.int64),
+        "interpolated": Column(np.bool_),
+    }
+    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
+
     num_points: I64
     interpolated: Mask
 
@@ -158,27 +163,17 @@ class TruthTable(Table):
 
 
 @dataclass(frozen=True, slots=True)
-class TrackTable(Table):
-    """Tracks of a scene, world frame, with columns of `Tracks`.
-
-    ``frame`` is the row of the FrameTable.
-    """
+class TrackTable(BoxTable):
+    """Tracks of a scene, with columns of `Tracks`."""
 
     COLUMNS: ClassVar[Columns] = {
-        **BOX_COLUMNS,
+        **BoxTable.COLUMNS,
         "velocity_covariance_m2ps2": Column(np.float64, (2, 2)),
         "score": Column(np.float64),
         "observed": Column(np.bool_),
         "hull_corners": Column(np.int64),
     }
 
-    frame: I64
-    id: I64
-    label: Texts
-    centre_m: F64
-    size_m: F64
-    yaw_rad: F64
-    velocity_mps: F64
     velocity_covariance_m2ps2: F64
     score: F64
     observed: Mask

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,6 @@ class Experiment:
     settings: Settings
     variant: str = ""
     """Name within a sweep; empty if it is the only one."""
-    sources: tuple[str, ...] = field(default=())
-    """Files that it was composed from."""
 
     @property
     def title(self) -> str:
@@ -113,11 +111,10 @@ def _compose_one(
     base: Mapping[str, Any], choices: Sequence[Choice], variant: str, path: Path
 ) -> Experiment:
     tree: dict[str, Any] = json.loads(json.dumps(base, default=str))  # a copy without aliases
-    sources = [str(path)]
     tree |= {key: value for key, value in choices if key in GROUPS}
     for group in GROUPS:
         choice = tree.get(group, DEFAULTS[group])
-        tree[group] = deepcopy(_group_settings(group, choice, path, sources))
+        tree[group] = deepcopy(_group_settings(group, choice, path))
     for key, value in choices:
         if key not in GROUPS:
             set_key(tree, key, value)
@@ -128,7 +125,7 @@ def _compose_one(
         raise ConfigError(f"{path}: {error}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {format_validation_error(error, _WholeFile)}") from error
-    return Experiment(**parts, settings=settings, variant=variant, sources=tuple(sources))
+    return Experiment(**parts, settings=settings, variant=variant)
 
 
 DEFAULTS = {
@@ -148,7 +145,7 @@ class _WholeFile(Settings):
     tracker: Any = None
 
 
-def _group_settings(group: str, choice: Any, path: Path, sources: list[str]) -> dict[str, Any]:
+def _group_settings(group: str, choice: Any, path: Path) -> dict[str, Any]:
     """Return the settings of a group: of the file ``flow/icp.yaml`` if any, else the bare kind."""
     if isinstance(choice, dict):
         return choice
@@ -157,5 +154,4 @@ def _group_settings(group: str, choice: Any, path: Path, sources: list[str]) -> 
     file = find_group(group, choice, path.parent)
     if file is None:
         return {"kind": choice}
-    sources.append(str(file))
     return {"kind": choice, **read_yaml(file)}

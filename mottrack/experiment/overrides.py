@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from mottrack.core.errors import ConfigError
 from mottrack.experiment.yaml_file import parse_scalar
 
 GROUPS = ("dataset", "objects", "flow", "tracker")
-Choice = tuple[str, Any]
+
+
+class Choice(NamedTuple):
+    """One value of a key."""
+
+    key: str
+    value: Any
+
+
+class Variant(NamedTuple):
+    """One combination of a sweep."""
+
+    name: str
+    """Its values that vary; empty for a single combination."""
+    choices: list[Choice]
 
 
 def parse_override(text: str) -> tuple[str, list[Any]]:
@@ -29,12 +43,12 @@ def parse_override(text: str) -> tuple[str, list[Any]]:
     return key, [parse_scalar(p.strip()) for p in parts]
 
 
-def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, list[Choice]]]:
-    """Return all combinations of a sweep: (name of the variant, its choices).
+def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[Variant]:
+    """Return all combinations of a sweep.
 
     A list under a group in the file (``flow: [zero, icp]``) and a list on the command line
     (``flow=zero,icp``) both make a sweep; the command line wins. The order is that of the file,
-    then of the command line. A single combination has the name ``""``.
+    then of the command line.
 
     Raises:
         ConfigError: an override is malformed, or a list is empty.
@@ -50,9 +64,9 @@ def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str,
     ordered = sorted(axes, key=lambda key: key not in GROUPS)  # a group first, then its fields
     variants = []
     for combination in itertools.product(*(axes[key] for key in ordered)):
-        choices = list(zip(ordered, combination, strict=True))
-        swept = [(k, v) for k, v in choices if len(axes[k]) > 1]
-        variants.append((_variant_name(swept), choices))
+        choices = [Choice(*pair) for pair in zip(ordered, combination, strict=True)]
+        swept = [choice for choice in choices if len(axes[choice.key]) > 1]
+        variants.append(Variant(_variant_name(swept), choices))
     return variants
 
 

@@ -7,14 +7,13 @@ import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_type_hints
 
 from pydantic import ValidationError
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError, unknown_name
-from mottrack.core.interfaces import TableEntry
-from mottrack.core.velocity_errors import VelocityErrorModel
+from mottrack.core.interfaces import Dataset, FlowSource, ObjectSource, TableEntry, Tracker
 from mottrack.datasets import DATASETS
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow import FLOWS
@@ -23,7 +22,7 @@ from mottrack.trackers import TRACKERS
 
 
 class PartKind(NamedTuple):
-    """One of the four parts of an experiment; `mottrack.core.interfaces` has its protocol."""
+    """One of the four parts of an experiment."""
 
     noun: str
     """In error messages."""
@@ -31,36 +30,17 @@ class PartKind(NamedTuple):
     """In `mottrack list`."""
     table: Mapping[str, TableEntry]
     """The classes that are shipped."""
-    methods: tuple[str, ...]
-    """Methods that a class must have."""
-    attributes: Mapping[str, type[Any]] = {}
-    """Class attributes that it must declare, and their types."""
-    base: str = ""
-    """Class in `mottrack.core` with defaults of the attributes."""
+    protocol: type[Any]
+    """Its public methods and its attributes are what a class must have."""
     shared: tuple[str, ...] = ()
     """Keywords that the pipeline passes to the constructor, beside the settings."""
 
 
 PARTS = {
-    "dataset": PartKind("dataset", "datasets", DATASETS, ("scene",)),
-    "objects": PartKind(
-        "object source",
-        "objects",
-        OBJECTS,
-        ("objects", "reset"),
-        {"needs_sweeps": bool, "needs_detections": bool},
-        "ObjectSourceBase",
-    ),
-    "flow": PartKind(
-        "flow source",
-        "flows",
-        FLOWS,
-        ("estimate", "reset"),
-        {"needs_sweeps": bool, "stateful": bool, "error_model": VelocityErrorModel},
-        "FlowSourceBase",
-        ("grid",),
-    ),
-    "tracker": PartKind("tracker", "trackers", TRACKERS, ("step",)),
+    "dataset": PartKind("dataset", "datasets", DATASETS, Dataset),
+    "objects": PartKind("object source", "objects", OBJECTS, ObjectSource),
+    "flow": PartKind("flow source", "flows", FLOWS, FlowSource, ("grid",)),
+    "tracker": PartKind("tracker", "trackers", TRACKERS, Tracker),
 }
 
 
@@ -138,17 +118,20 @@ def _find_class(part: PartKind, kind: str) -> type[Any]:
 
 def _check_members(part: PartKind, kind: str, cls: type[Any]) -> None:
     """Refuse a class without the methods and attributes that its protocol declares."""
+    members = vars(part.protocol).items()
+    methods = [name for name, member in members if callable(member) and name[0] != "_"]
     names = dir(cls)
-    for name in part.methods:
+    for name in methods:
         if name not in names or not callable(getattr(cls, name)):
             raise ConfigError(
-                f"{part.noun} '{kind}' has no {name}, expected methods {', '.join(part.methods)}"
+                f"{part.noun} '{kind}' has no {name}, expected methods {', '.join(methods)}"
             )
-    for name, expected in part.attributes.items():
+    for name, expected in get_type_hints(part.protocol).items():
         if name not in names or not isinstance(getattr(cls, name), expected):
             raise ConfigError(
                 f"{part.noun} '{kind}' does not declare {name}, expected a class attribute of type "
-                f"{expected.__name__}; mottrack.core.{part.base} has a default to inherit"
+                f"{expected.__name__}; mottrack.core.{part.protocol.__name__}Base has a default to "
+                "inherit"
             )
 
 

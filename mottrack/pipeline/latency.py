@@ -15,6 +15,7 @@ import numpy as np
 from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError, ResultError
 from mottrack.core.timing import collect_timings
+from mottrack.formats.text_table import aligned
 
 TOTAL = "total"
 ORDER = ("flow", "objects", "velocity", "tracker")
@@ -108,13 +109,13 @@ class LatencyReport:
         return self.over_budget / self.steps if self.steps else 0.0
 
     def __str__(self) -> str:
-        rows = [f"{'ms':16}{'mean':>9}{'p50':>9}{'p99':>9}{'max':>9}{'steps':>8}{'warm-up':>9}"]
+        rows = [["ms", "mean", "p50", "p99", "max", "steps", "warm-up"]]
         for name, s in self.stages.items():
             stage, _, part = name.partition(".")
-            shown = f"  of it {part}" if part else stage
-            times = "".join(f"{ms:9.2f}" for ms in (s.mean_ms, s.p50_ms, s.p99_ms, s.max_ms))
-            rows.append(f"{shown:16}{times}{s.steps:8}{self.warm_up_ms.get(name, 0.0):9.0f}")
-        return "\n".join([*rows, self.summary])
+            times = [f"{ms:.2f}" for ms in (s.mean_ms, s.p50_ms, s.p99_ms, s.max_ms)]
+            warm_up = f"{self.warm_up_ms.get(name, 0.0):.0f}"
+            rows.append([f"  of it {part}" if part else stage, *times, str(s.steps), warm_up])
+        return f"{aligned(rows)}\n{self.summary}"
 
     @property
     def summary(self) -> str:

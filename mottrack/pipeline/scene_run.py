@@ -27,10 +27,6 @@ DEFAULT_PERIOD_S = 0.1
 """Latency budget of a scene of one frame: the period of a 10 Hz LiDAR."""
 
 
-def no_progress(done: int, total: int) -> None:
-    """Ignore the progress."""
-
-
 @dataclass(frozen=True)
 class SceneRun:
     """Results of running a scene."""
@@ -44,7 +40,7 @@ class SceneRun:
 def run_scene(
     experiment: Experiment,
     scene: Scene,
-    on_frame: OnFrame = no_progress,
+    on_frame: OnFrame | None = None,
     *,
     keep_snapshots: bool = True,
 ) -> SceneRun:
@@ -82,7 +78,8 @@ def run_scene(
             steps.append(step.tracks)
             frames.append(frame)
             pipeline.watch.next_frame()
-        on_frame(index + 1, len(scene))
+        if on_frame is not None:
+            on_frame(index + 1, len(scene))
     result = _result(scene, frames, pipeline.finish(steps), sampler.samples())
     result = replace(result, timings_s=pipeline.watch.seconds())
     times = pipeline.step_times(median_period_s(stamps_ns, DEFAULT_PERIOD_S))

@@ -127,5 +127,5 @@ def _load_run(folder: Path, variant: str, note: Mapping[str, Any]) -> ScoredRun:
     # in the order of the data set, as far as it is known
     listed = [scene for scene in note.get("scenes", ()) if scene in run.scenes]
     finished = (*listed, *(scene for scene in run.scenes if scene not in listed))
-    report = RunReport(finished, failed=dict(note.get("failed", {})), resumed=0, wall_s=0.0)
+    report = RunReport(finished, failed=dict(note.get("failed", {})), resumed=0)
     return ScoredRun(replace(resolved[0], variant=variant), run, report)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -31,7 +30,6 @@ class RunReport:
     """Scene to the reason, one line each."""
     resumed: int
     """Number of finished scenes that an earlier run had stored."""
-    wall_s: float
 
 
 def run_experiment(
@@ -56,7 +54,6 @@ def run_jobs(
         ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
             or other weights.
     """
-    start = time.perf_counter()
     scenes = [scene_names(job.experiment) for job in jobs]
     for job in jobs:
         job.folder.reserve(job.experiment)
@@ -71,17 +68,16 @@ def run_jobs(
     finally:
         for job in jobs:
             job.folder.remove_partial()
-    wall_s = time.perf_counter() - start
     return [
-        _report(names, [o for o in outcomes if o.folder == job.folder.path], wall_s)
+        _report(names, [o for o in outcomes if o.folder == job.folder.path])
         for job, names in zip(jobs, scenes, strict=True)
     ]
 
 
-def _report(scenes: tuple[str, ...], outcomes: list[Outcome], wall_s: float) -> RunReport:
+def _report(scenes: tuple[str, ...], outcomes: list[Outcome]) -> RunReport:
     failed = {o.scene: o.error for o in outcomes if o.error}
     finished = tuple(scene for scene in scenes if scene not in failed)
-    return RunReport(finished, failed, len(scenes) - len(outcomes), wall_s)
+    return RunReport(finished, failed, len(scenes) - len(outcomes))
 
 
 def _title(jobs: Sequence[Job]) -> str:

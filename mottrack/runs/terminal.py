@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from types import TracebackType
-from typing import Self
 
 from rich.console import Console
 from rich.markup import escape
@@ -24,7 +22,7 @@ from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.workers import Outcome
 
 
-class TerminalProgress:
+class TerminalProgress(Progress):
     """One progress bar per run, which counts finished scenes and names the one in progress."""
 
     def __init__(self, console: Console | None = None) -> None:
@@ -36,36 +34,24 @@ class TerminalProgress:
             TimeRemainingColumn(),
             TextColumn("[dim]{task.fields[now]}"),
         )
-        self._progress = Progress(*columns, console=console)
-        self._task = self._progress.add_task("", visible=False, now="")
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._progress.stop()
+        super().__init__(*columns, console=console)
+        self._task = self.add_task("", visible=False, now="")
 
     def begin(self, title: str, scenes: int, todo: int) -> None:
         """Start a new bar; scenes with a stored result count as done."""
         resumed = f"{scenes - todo} already stored" if todo < scenes else ""
-        self._task = self._progress.add_task(
+        self._task = self.add_task(
             title or "run", total=scenes, completed=scenes - todo, now=resumed
         )
 
     def frames(self, scene: str, done: int, total: int) -> None:
         """Show the scene in progress and its frames."""
-        self._progress.update(self._task, now=f"{scene} {done}/{total}")
+        self.update(self._task, now=f"{scene} {done}/{total}")
 
     def scene_ends(self, outcome: Outcome) -> None:
         """Advance the bar; the reasons of failures are printed at the end."""
         failed = f"{outcome.scene} failed" if outcome.error else ""
-        self._progress.update(self._task, advance=1, now=failed)
+        self.update(self._task, advance=1, now=failed)
 
 
 FILE_WIDTH = 140  # characters, of a table that is printed to a file or a pipe
