@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F32, I64, Floats, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -15,13 +15,15 @@ from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.tables import FlowSamples
 from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset, SyntheticScene
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
-from mottrack.world import PointTruth
 
 SEED = 770_001
 """No training set uses it."""
 INDEX = 5
+"""Of the current sweep: half a second in, all agents have a sweep before."""
 MOVING_MPS = 0.5
-FEWEST_POINTS = 5
+"""A faster cell is dynamic, as everywhere in the flow scores."""
+MIN_POINTS = 5
+"""Fewest points on an object in both sweeps for its motion to be observable."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +33,15 @@ class HeldOut:
     frames: tuple[Frame, Frame]
     previous: Sweep
     current: Sweep
-    occupied: NDArray[np.bool_]
+    occupied: Mask
     """(H,W) cells with a point above the ground."""
-    velocity_mps: NDArray[np.float32]
+    velocity_mps: F32
     """(H,W,2) mean over the points of a cell."""
-    observable: NDArray[np.bool_]
+    observable: Mask
     """(H,W) the object was hit at least five times in both sweeps (background: always)."""
 
     def samples(self, field: FlowField, index: int) -> FlowSamples:
-        """What a source said of every occupied cell."""
+        """Return the estimates of a source at every occupied cell."""
         rows, columns = np.nonzero(self.occupied)
         truth = self.velocity_mps[rows, columns]
         elapsed_s = seconds_between(self.previous.stamp_ns, self.current.stamp_ns)
@@ -58,7 +60,7 @@ class HeldOut:
 
 
 def held_out_pairs(count: int, grid: BevGrid) -> Iterator[HeldOut]:
-    """One pair from each of `count` scenes, every scene with a sensor and a place of its own."""
+    """Yield a pair from each of `count` scenes, each with a sensor and a place of its own."""
     config = SyntheticConfig(scenes=count, seed=SEED, duration_s=1.0, sensor="random")
     dataset = SyntheticDataset(config)
     for name in dataset.scene_names:
@@ -66,60 +68,40 @@ def held_out_pairs(count: int, grid: BevGrid) -> Iterator[HeldOut]:
 
 
 def held_out_pair(scene: SyntheticScene, index: int, grid: BevGrid) -> HeldOut:
-    """The sweep at `index` of a scene and the one before it."""
-    truths = scene.sweep_truth(index - 1), scene.sweep_truth(index)
-    sweeps = scene.sweep(index - 1), scene.sweep(index)
-    frames = scene.frame(index - 1), scene.frame(index)
-    return _held_out(frames, sweeps, truths, grid)
-
-
-def _held_out(
-    frames: tuple[Frame, Frame],
-    sweeps: tuple[Sweep, Sweep],
-    truths: tuple[PointTruth, PointTruth],
-    grid: BevGrid,
-) -> HeldOut:
-    kept = [_kept_rows(sweep) for sweep in sweeps]
-    now = truths[1]
-    rows, columns, inside = grid.cells(sweeps[1].xyz_m[kept[1]])
+    """Return the sweep at `index` of a scene and the one before it, with truth on `grid`."""
+    indices = (index - 1, index)
+    previous, current = (scene.sweep(i) for i in indices)
+    then, now = (scene.sweep_truth(i) for i in indices)
+    kept = _kept_rows(current)
+    rows, columns, inside = grid.cells(current.xyz_m[kept])
     flat = (rows * grid.shape[1] + columns)[inside]
-    of_cell = kept[1][inside]
-    seen = observable_points(truths[0].object_id[kept[0]], now.object_id[of_cell])
+    object_id, velocity_mps = now.object_id[kept][inside], now.velocity_mps[kept][inside]
+    seen = observable_points(then.object_id[_kept_rows(previous)], object_id)
     points = np.maximum(np.bincount(flat, minlength=grid.shape[0] * grid.shape[1]), 1)
 
-    def mean(values: NDArray[np.floating]) -> NDArray[np.float32]:
+    def mean(values: Floats) -> F32:
         sums = np.bincount(flat, weights=values, minlength=len(points)) / points
         return sums.reshape(grid.shape).astype(np.float32)
 
-    velocity = now.velocity_mps[of_cell]
     return HeldOut(
-        frames=frames,
-        previous=sweeps[0],
-        current=sweeps[1],
-        occupied=grid.occupancy(sweeps[1].xyz_m[kept[1]]),
-        velocity_mps=np.stack([mean(velocity[:, i]) for i in range(2)], axis=-1),
+        frames=(scene.frame(index - 1), scene.frame(index)),
+        previous=previous,
+        current=current,
+        occupied=grid.occupancy(current.xyz_m[kept]),
+        velocity_mps=np.stack([mean(velocity_mps[:, i]) for i in range(2)], axis=-1),
         observable=mean(seen.astype(np.float32)) > 0.5,
     )
 
 
-def observable_points(then: NDArray[np.int64], now: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) whether the object of each current point was hit often enough in both sweeps."""
+def observable_points(then: I64, now: I64) -> Mask:
+    """Return (N,) whether the object of each current point has enough points in both sweeps."""
     both = [np.unique(ids[ids >= 0], return_counts=True) for ids in (then, now)]
-    often = [ids[counts >= FEWEST_POINTS] for ids, counts in both]
-    return (now < 0) | (np.isin(now, often[0]) & np.isin(now, often[1]))
+    enough = [ids[counts >= MIN_POINTS] for ids, counts in both]
+    return (now < 0) | (np.isin(now, enough[0]) & np.isin(now, enough[1]))
 
 
-def _kept_rows(sweep: Sweep) -> NDArray[np.int64]:
-    """Rows of the points above the ground."""
-    numbered = Sweep(
-        sweep.xyz_m,
-        sweep.reflectance,
-        sweep.stamp_ns,
-        sweep.world_T_ego,
-        sweep.origin_m,
-        time_offset_ns=np.arange(len(sweep), dtype=np.int64),
-    )
-    kept, _ = keep_points(numbered, GroundStage())
-    if kept.time_offset_ns is None:
-        return np.zeros(0, np.int64)
+def _kept_rows(sweep: Sweep) -> I64:
+    """Return the rows of the points above the ground."""
+    rows = np.arange(len(sweep), dtype=np.int64)
+    kept, _ = keep_points(replace(sweep, time_offset_ns=rows, ring=None), GroundStage())
     return kept.time_offset_ns
