@@ -1,4 +1,4 @@
-"""Atomic file replacement, arrays with a checksum, and the folder of cached files."""
+"""Atomic file replacement, and arrays with a checksum."""
 
 from __future__ import annotations
 
@@ -74,9 +74,3 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise ResultError(path, "checksum", stored.hex()[:12], f"{actual.hex()[:12]} (damaged?)")
     with np.load(io.BytesIO(data), allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
-
-
-def cache_folder() -> Path:
-    """Return ``$MOTTRACK_CACHE``, else ``mottrack`` in the user's cache folder (XDG)."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(os.environ.get("MOTTRACK_CACHE") or Path(base) / "mottrack")
