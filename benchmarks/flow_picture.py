@@ -24,7 +24,7 @@ from mottrack.flow.pillarflow.source import (
     PillarFlow,
     PillarFlowConfig,
 )
-from mottrack.viz.flow_comparison import Picture, flow_comparison
+from mottrack.viz.flow_comparison import FlowPanel, flow_comparison
 
 
 def true_field(pair: HeldOut, grid: BevGrid) -> FlowField:
@@ -60,11 +60,13 @@ def main() -> None:
     wanted = [
         int(number) for number in (given.scenes or ("0" if given.quick else "0,7")).split(",")
     ]
-    lines: list[list[Picture]] = []
+    lines: list[list[FlowPanel]] = []
     for number, pair in enumerate(held_out_pairs(max(wanted) + 1, grid)):
         if number in wanted:
-            line: list[Picture] = [("truth", true_field(pair, grid))]
-            lines.append([*line, *((name, estimate(one, pair)) for name, one in sources.items())])
+            line = [FlowPanel("truth", true_field(pair, grid))]
+            lines.append(
+                [*line, *(FlowPanel(name, estimate(one, pair)) for name, one in sources.items())]
+            )
     flow_comparison(lines).savefig(given.out or Path("flow.png"), dpi=150)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from mottrack.cli.arguments import Baseline
 
-Folder = Annotated[Path, typer.Argument(help="folder of a run, or of a comparison")]
+Folder = Annotated[Path, typer.Argument(help="folder of a run or of a comparison")]
 
 
 def register(app: typer.Typer) -> None:
@@ -25,7 +25,7 @@ def report(
     ] = None,
     max_mb: Annotated[
         float, typer.Option("--max-mb", min=0.0, help="size limit of the animated scenes, MB")
-    ] = 15.0,
+    ] = 15.0,  # report.page.MAX_MB, which would import the report
     baseline: Baseline = None,
 ) -> None:
     """Write the HTML report of a finished run or comparison, from its stored results.

@@ -18,16 +18,16 @@ class Memo:
     def __init__(self) -> None:
         self._values: dict[Hashable, tuple[object, Any]] = {}
 
-    def __call__(self, function: Callable[..., R], *arguments: object) -> R:
-        """Return ``function(*arguments)``, from memory where the arguments were the same.
+    def __call__(self, function: Callable[..., R], *arguments: object, **options: object) -> R:
+        """Return the function's value, from memory where the arguments were the same.
 
         Scene results, like anything with arrays, are the same if they are one object, lists of them
         if their members are. Other arguments are compared by value.
         """
-        key = (function, *map(_key, arguments))
+        key = (function, *map(_key, arguments), *sorted(options.items()))
         if key not in self._values:
             # the arguments are kept as well: the id of a deleted object may be given to a new one
-            self._values[key] = (arguments, function(*arguments))
+            self._values[key] = (arguments, function(*arguments, **options))
         value: R = self._values[key][1]
         return value
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from mottrack.core.errors import unknown_name
 from mottrack.eval.paired import PairedDifference, paired_all
-from mottrack.eval.run_figures import Figures, Resampling, run_figures
+from mottrack.eval.run_metrics import Resampling, RunMetrics, run_metrics
 from mottrack.experiment.experiment import Experiment
 from mottrack.formats.strict_json import strict
 from mottrack.runs.scored_run import ScoredRun
@@ -41,7 +41,7 @@ class Resamples:
     """Metrics of all runs of one data set over the scenes that they have in common."""
 
     scenes: tuple[str, ...]
-    figures: dict[str, Figures] = field(default_factory=dict)
+    figures: dict[str, RunMetrics] = field(default_factory=dict)
     """Title of a run to its metrics on every resample."""
 
     def against(self, baseline: str, run: str) -> RunDifferences:
@@ -57,7 +57,7 @@ def sample_runs(runs: Sequence[ScoredRun]) -> Resamples:
         return Resamples(())
     results = {run.title: [run.load(scene) for scene in scenes] for run in runs}
     common = Resampling.of(list(results.values()), runs[0].config)
-    figures = {run.title: run_figures(results[run.title], common, run.memo) for run in runs}
+    figures = {run.title: run_metrics(results[run.title], common, run.memo) for run in runs}
     return Resamples(scenes, figures)
 
 

@@ -172,6 +172,24 @@ def _read_json(path: Path) -> dict[str, object]:
     return content
 
 
+@dataclass(frozen=True)
+class StoredScene:
+    """The result of a scene and, where the run kept them, points and flow of its key frames."""
+
+    result: SceneResult
+    snapshots: list[Snapshot]
+
+    @classmethod
+    def load(cls, run: Path, scene: str) -> StoredScene:
+        """Read one scene of a run.
+
+        Raises:
+            ResultError: a file is missing or damaged.
+        """
+        folder = RunFolder(run)
+        return cls(folder.load(scene), folder.load_snapshots(scene))
+
+
 def stored_scenes(run: Path) -> tuple[str, ...]:
     """Return the finished scenes of a run, in order; those with stored key frames first.
 
