@@ -9,6 +9,7 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose, rotation_2d
@@ -33,7 +34,7 @@ class GroundTruthConfig(StrictModel):
     sigma_mps: float = Field(0.1, gt=0, description="standard deviation of the field's error")
 
 
-class GroundTruthFlow:
+class GroundTruthFlow(FlowSourceBase):
     """Velocity of each labelled object: the difference of its positions over the elapsed time.
 
     "Only labeled dynamic objects can have a valid velocity, and all non-labeled obstacles and

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import NO_OUTLIERS
@@ -19,7 +20,7 @@ class ZeroConfig(StrictModel):
     ground: GroundStage = Field(default_factory=GroundStage)
 
 
-class ZeroFlow:
+class ZeroFlow(FlowSourceBase):
     """Marks the occupied cells and measures no velocity: the tracker runs on positions alone."""
 
     Config = ZeroConfig

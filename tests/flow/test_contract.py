@@ -19,7 +19,7 @@ GRID = BevGrid(cell_m=0.5)
 
 @pytest.fixture(params=FLOWS)
 def source(request):
-    module, name = FLOWS[request.param].split(":")
+    module, name = FLOWS[request.param].target.split(":")
     try:
         return getattr(import_module(module), name)(grid=GRID)
     except DataError as error:

@@ -14,6 +14,7 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import Mask
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import FLOW_ERRORS
@@ -51,7 +52,7 @@ class DogmaConfig(StrictModel):
     threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
 
 
-class DogmaFlow:
+class DogmaFlow(FlowSourceBase):
     """The recursive rival of two-frame flow: a particle filter that lives through a scene."""
 
     Config = DogmaConfig
