@@ -47,7 +47,8 @@ class ClutterDensity:
             count = np.append(self._count, np.zeros(len(labels) - len(self._count)))
             density = (count + density * prior_m2) / (self._area_m2 + prior_m2)
             density *= config.clutter_concentration
-        return -2.0 * np.log(density)
+        gate: F64 = -2.0 * np.log(density)
+        return gate
 
     def record(self, label: I64, classes: int, area_m2: float) -> None:
         """Count the detections (n,) of a step that no track took; `label` are class indices."""

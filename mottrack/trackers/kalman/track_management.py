@@ -56,6 +56,9 @@ class TrackManagementConfig(StrictModel):
     min_presence: float = Field(
         0.01, ge=0, lt=1, description="existence: tracks below it are kept, but not published"
     )
+    min_presence_kept: float = Field(
+        1e-12, ge=0, lt=1, description="existence: tracks below it are deleted"
+    )
     prior_misses: float = Field(
         1.0, ge=0, description="existence: the score counts h hits as h / (h + prior_misses)"
     )
@@ -171,7 +174,8 @@ class ExistenceManagement(TrackManagement):
 
     def alive(self, tracks: TrackRows, stamp_ns: int) -> Mask:
         """Return which tracks live on into the next step."""
-        return self._within(tracks, stamp_ns, self._config.max_coast_s)
+        kept = tracks.presence >= self._config.min_presence_kept
+        return kept & self._within(tracks, stamp_ns, self._config.max_coast_s)
 
     def score(self, tracks: TrackRows, stamp_ns: int) -> F64:
         """Return the score of every track, by presence and number of detections."""
