@@ -18,7 +18,7 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
+from mottrack.flow.sweep_pair import GroundStage, obstacle_points
 from mottrack.lidar.in_boxes import points_in_boxes
 
 MARGIN_M = 0.15
@@ -65,7 +65,7 @@ def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
     those points, turn included. Objects whose mean speed over nine frames is under 0.4 m/s rest.
     """
     sweep, truth = drive.sweeps[index], drive.truth[index]
-    kept, _ = keep_points(sweep, GroundStage())
+    kept, _ = obstacle_points(sweep, GroundStage())
     xyz_m = kept.xyz_m.astype(np.float64)
     xyz_m = xyz_m[np.abs(np.arctan2(xyz_m[:, 1], xyz_m[:, 0])) <= drive.view_rad]
     ego = truth.transformed(sweep.world_T_ego.inverse(), "ego")

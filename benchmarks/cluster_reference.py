@@ -17,7 +17,7 @@ from mottrack.core import Frame, Objects
 from mottrack.datasets.synthetic.config import SyntheticConfig
 from mottrack.datasets.synthetic.dataset import SyntheticDataset
 from mottrack.geometry.iou import bev_corners, boxes7
-from mottrack.geometry.polygon import intersection_area, polygon_area
+from mottrack.geometry.polygon import polygon_area, shared_areas
 from mottrack.objects.clusters import ClustersConfig, ClusterSource
 from mottrack.objects.reference import ReferenceConfig
 
@@ -34,8 +34,8 @@ def owners(frame: Frame, objects: Objects) -> dict[int, int]:
     for row, hull in enumerate(objects.hull):
         area = polygon_area(hull)
         near = np.hypot(*(truth.centre_m[:, :2] - hull.mean(axis=0)).T) < 12.0
-        for k in np.flatnonzero(near):
-            shared = intersection_area(hull, corners[k])
+        found = np.flatnonzero(near)
+        for k, shared in zip(found, shared_areas(hull, corners[found]), strict=True):
             identity = int(truth.id[k])
             if shared >= 0.5 * area and shared > best.get(identity, (0.0, 0))[0]:
                 best[identity] = (shared, row)

@@ -23,17 +23,24 @@ from numpy.typing import NDArray
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma import filter as phases
-from mottrack.flow.dogma.births import TRIES
+from mottrack.flow.dogma.births import MAX_DRAWS
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig
-from mottrack.flow.dogma.measurement_grid import MeasurementGrid, SensorConfig, measure
+from mottrack.flow.dogma.measurement_grid import Masses, SensorConfig, measure
 from mottrack.flow.dogma.returns import Returns, returns_of
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair import GroundStage
 
 CELLS, CELL_M, DT_S = 400, 0.25, 0.1
-PHASES = ("assign", "update_occupancy", "allot", "give_birth", "velocity_moments", "resample")
+PHASES = (
+    "assign",
+    "update_occupancy",
+    "allocate_births",
+    "draw_births",
+    "velocity_moments",
+    "resample",
+)
 Grid = NDArray[np.float32]
 
 
@@ -92,7 +99,7 @@ class NumpyFilter:
         self.occupied = self.free = np.zeros((CELLS, CELLS), np.float32)
         self.window: Window | None = None
 
-    def step(self, measured: MeasurementGrid, window: Window) -> dict[str, Grid]:
+    def step(self, measured: Masses, window: Window) -> dict[str, Grid]:
         cell = self._predict(window)
         carried = np.bincount(cell, self.weight, CELLS * CELLS + 1)[:-1]
         prior = np.minimum(carried, 1).reshape(window.shape)
@@ -155,7 +162,7 @@ class NumpyFilter:
         rest_share = prior.rest_share * uncovered.ravel()[chosen]
         state = np.zeros((4, number), np.float32)
         again = np.ones(number, np.bool_)
-        for _ in range(TRIES):
+        for _ in range(MAX_DRAWS):
             drawn = self._born_at(chosen, rest_share)
             state[:, again] = drawn[:, again]
             again &= self.rng.random(number) < self._free_before(state)

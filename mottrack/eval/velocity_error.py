@@ -38,7 +38,7 @@ from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.tables import TruthTable
 from mottrack.geometry.iou import bev_corners, boxes7
-from mottrack.geometry.polygon import intersection_area, polygon_area
+from mottrack.geometry.polygon import polygon_area, shared_areas
 
 OTHER = "labels no detector reports"
 NO_OBJECT, LEFT_OUT = -1, -2
@@ -177,7 +177,7 @@ def _object_of(shape: F64, near: I64, boxes: tuple[F64, F64], significant_overla
         return NO_OBJECT
     corners, shift_m = boxes
     for age in _AGES if shift_m[near].any() else _AGES[:1]:
-        shares = [intersection_area(shape, corners[r] - age * shift_m[r]) / area for r in near]
+        shares = shared_areas(shape, corners[near] - age * shift_m[near, None]) / area
         best = int(np.argmax(shares))
         if shares[best] >= significant_overlap:
             return int(near[best])

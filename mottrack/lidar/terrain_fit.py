@@ -1,7 +1,8 @@
-"""The loops behind the height map, compiled: levels per cell, envelope, local planes, look-up.
+"""Compiled kernels of the height map: levels per cell, lower envelope, local planes, look-up.
 
 Arrays (C, C) are indexed [row, column], row along y, column along x; heights in metres, NaN where
-a cell was never hit. `offset_m` takes rotated points into the map: origin at its lower left corner.
+a cell was never hit. `rotation` and `offset_m` transform points into the frame of the map, whose
+origin is its lower left corner.
 """
 
 from __future__ import annotations
@@ -12,15 +13,25 @@ from mottrack.compiled import compiled
 from mottrack.core.arrays import F32, F64, Mask
 
 _MIN_SUPPORT = 6.0
+"""Sum of weights of a window below which it grows: twice what determines a plane."""
 _MIN_WEIGHT = 0.05
+"""Smaller weights are zero: objects are many, and together they would lift the surface."""
 _SLOPE_PRIOR = 0.5
+"""Added to the spread of x and y, in cells^2: a ridge penalty that keeps slopes of few or collinear
+cells near zero and is negligible against a full window (half width 4: about 500)."""
+_FORGETTING = 0.1
+"""Support lost for each sweep that hits a cell only above its level."""
+_PIT_DEPTH_M = 0.5
+"""Least depth of a pit below all its neighbours; a kerb or a ditch is shallower."""
+_BELOW = 3.0
+"""How much farther below the surface than above it a level has half weight: ground is low."""
 
 
 @compiled
-def lowest(xyz_m: F32, rotation: F64, offset_m: F64, cells: int, cell_m: float) -> F64:
-    """(C, C) second lowest height in each cell; NaN with fewer than two points.
+def lowest_levels(xyz_m: F32, rotation: F64, offset_m: F64, cells: int, cell_m: float) -> F64:
+    """Return (C, C) the second lowest height in each cell; NaN with fewer than two points.
 
-    The second lowest: a single return from below the road, by reflection, is common.
+    The second lowest, because a single return from below the road, by reflection, is common.
     """
     first = np.full((cells, cells), np.inf)
     second = np.full((cells, cells), np.nan)
@@ -41,12 +52,12 @@ def lowest(xyz_m: F32, rotation: F64, offset_m: F64, cells: int, cell_m: float) 
 
 
 @compiled
-def remember(level_m: F64, seen: F64, low_m: F64, band_m: float, memory: float) -> None:
-    """Merges the levels of a new sweep into the map, in place.
+def merge_levels(level_m: F64, support: F64, low_m: F64, band_m: float, memory: float) -> None:
+    """Merge the levels `low_m` of a new sweep into the map, in place.
 
-    A lower level replaces the old one (something moved off the ground), a level within the band is
-    averaged in, a higher one (something covers the ground) only wears the old one's support down,
-    so that a wrong low level is forgotten after some sweeps.
+    A lower level replaces the old one (an object moved away), a level within the band is averaged
+    in, a higher one (an object covers the ground) only reduces the support of the old one, so that
+    a wrong low level is replaced after some sweeps.
     """
     for row in range(level_m.shape[0]):
         for column in range(level_m.shape[1]):
@@ -54,23 +65,23 @@ def remember(level_m: F64, seen: F64, low_m: F64, band_m: float, memory: float) 
             if np.isnan(low):
                 continue
             change = low - level_m[row, column]
-            worn = change > band_m and seen[row, column] <= 0.0
-            if np.isnan(change) or change < -band_m or worn:
+            unsupported = change > band_m and support[row, column] <= 0.0
+            if np.isnan(change) or change < -band_m or unsupported:
                 level_m[row, column] = low
-                seen[row, column] = 1.0
+                support[row, column] = 1.0
             elif change > band_m:
-                seen[row, column] -= 0.1
+                support[row, column] -= _FORGETTING
             else:
-                seen[row, column] = min(seen[row, column] + 1.0, memory)
-                level_m[row, column] += change / seen[row, column]
+                support[row, column] = min(support[row, column] + 1.0, memory)
+                level_m[row, column] += change / support[row, column]
 
 
 @compiled
 def pits(level_m: F64, rise_m: float) -> Mask:
-    """(C, C) cells far below all of at least three known neighbours: returns from below ground."""
+    """Return (C, C) cells far below all of at least three known neighbours (reflections)."""
     cells = level_m.shape[0]
     found = np.zeros(level_m.shape, np.bool_)
-    depth_m = max(0.5, 2.0 * rise_m)
+    depth_m = max(_PIT_DEPTH_M, 2.0 * rise_m)
     for row in range(cells):
         for column in range(cells):
             around, above_it = 0, 0
@@ -84,8 +95,10 @@ def pits(level_m: F64, rise_m: float) -> Mask:
 
 
 @compiled
-def envelope(level_m: F64, rise_m: float) -> F64:
-    """Highest surface below all levels that rises by at most `rise_m` a cell (two chamfer passes).
+def lower_envelope(level_m: F64, rise_m: float) -> F64:
+    """Return the highest surface below all levels that rises by at most `rise_m` per cell.
+
+    Computed by two chamfer passes.
 
     Infinite everywhere when no cell is known.
     """
@@ -113,10 +126,10 @@ def envelope(level_m: F64, rise_m: float) -> F64:
 
 @compiled
 def planes(level_m: F64, surface_m: F64, band_m: float, half: int) -> F64:
-    """(C, C) heights at the centres of planes fitted around every cell, by weighted least squares.
+    """Return (C, C) heights at the cells of planes fitted around each by weighted least squares.
 
-    A level weighs 1 on the old surface, a half at `band_m` above or three times that below it. A
-    window that holds too little grows, so unseen ground continues that around it.
+    A level has weight 1 on the old surface and a half at `band_m` above or three times that below
+    it. A window with too little support grows, so unseen ground continues the ground around it.
     """
     sums = _moment_sums(level_m, surface_m, band_m)
     cells = level_m.shape[0]
@@ -135,7 +148,7 @@ def planes(level_m: F64, surface_m: F64, band_m: float, half: int) -> F64:
 
 @compiled
 def _moment_sums(level_m: F64, surface_m: F64, band_m: float) -> F64:
-    """(9, C + 1, C + 1) integral images of w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz, in cells."""
+    """Return (C + 1, C + 1, 9) integral images of w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz."""
     cells = level_m.shape[0]
     sums = np.zeros((cells + 1, cells + 1, 9))
     line = np.empty(9)
@@ -146,7 +159,7 @@ def _moment_sums(level_m: F64, surface_m: F64, band_m: float) -> F64:
             z = level_m[row, column]
             if not np.isnan(z):
                 off = z - surface_m[row, column]
-                scaled = (off / (band_m if off >= 0 else 3.0 * band_m)) ** 2
+                scaled = (off / (band_m if off >= 0 else _BELOW * band_m)) ** 2
                 w = 1.0 / (1.0 + scaled * scaled)
                 if w < _MIN_WEIGHT:
                     w = 0.0
@@ -177,9 +190,9 @@ def _window_sums(sums: F64, row: int, column: int, half: int, window: F64) -> No
 
 @compiled
 def _plane_height(window: F64, y: float, x: float) -> float:
-    """Height at (x, y) of the plane with these moments; slopes are drawn weakly towards zero."""
+    """Return the height at (x, y) of the plane with these moments; slopes have a weak prior."""
     w, wx, wy, wxx, wxy, wyy, wz, wxz, wyz = window
-    if w < 1e-9:
+    if w < 1e-9:  # nothing known on the whole map
         return 0.0
     mean_x, mean_y, mean_z = wx / w, wy / w, wz / w
     xx = wxx - wx * mean_x + _SLOPE_PRIOR
@@ -194,17 +207,8 @@ def _plane_height(window: F64, y: float, x: float) -> float:
 
 
 @compiled
-def interpolated(surface_m: F64, local_m: F64, cell_m: float) -> F64:
-    """(N,) bilinear heights at (N, 2) positions from the map's corner; clamped to its edge."""
-    heights = np.empty(len(local_m))
-    for i in range(len(local_m)):
-        heights[i] = _at(surface_m, local_m[i, 0] / cell_m, local_m[i, 1] / cell_m)
-    return heights
-
-
-@compiled
-def above(xyz_m: F32, rotation: F64, offset_m: F64, surface_m: F64, cell_m: float) -> F64:
-    """(N,) height of points above the surface below them."""
+def heights_above(xyz_m: F32, rotation: F64, offset_m: F64, surface_m: F64, cell_m: float) -> F64:
+    """Return (N,) heights of points above the bilinear surface, clamped to the map's edge."""
     heights = np.empty(len(xyz_m))
     for i in range(len(xyz_m)):
         x, y, z = xyz_m[i]
@@ -217,6 +221,7 @@ def above(xyz_m: F32, rotation: F64, offset_m: F64, surface_m: F64, cell_m: floa
 
 @compiled
 def _at(surface_m: F64, x: float, y: float) -> float:
+    """Return the bilinear height at x and y in cells from the corner."""
     last = surface_m.shape[0] - 1
     x, y = min(max(x - 0.5, 0.0), float(last)), min(max(y - 0.5, 0.0), float(last))
     column, row = min(int(x), last - 1), min(int(y), last - 1)

@@ -1,4 +1,4 @@
-"""A sweep as returns on the plane: what is ground, obstacle, or overhead."""
+"""A sweep as returns on the plane, classified as ground, obstacle or overhead."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from mottrack.core.arrays import F32, F64, U8
 from mottrack.core.sweep import Sweep
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair import GroundStage
 from mottrack.lidar.ground import find_ground
 
 GROUND, OBSTACLE, OVERHEAD, OWN = (np.uint8(kind) for kind in range(4))
-"""What a point was reflected by. Overhead points only show that the sensor looks that way; points
-of the own vehicle show nothing."""
+"""What reflected a point. Overhead points only show that their direction is in view; points of the
+own vehicle are no evidence at all."""
 
 
 class Returns(NamedTuple):
@@ -28,19 +28,19 @@ class Returns(NamedTuple):
 
 
 def returns_of(sweep: Sweep, stage: GroundStage) -> Returns:
-    """The points between the stage's two heights are obstacles, lower ones are ground."""
+    """Classify the points: between the stage's two heights obstacles, ground below."""
     pose = sweep.world_T_ego
     x_m, y_m, z_m = (sweep.xyz_m - sweep.origin_m.astype(np.float32)).T
     xy_m = np.empty((len(sweep), 2), np.float32)
     for axis in range(2):
-        # column by column: a product with so thin a matrix would wake the threads of BLAS
+        # by column: a product with so thin a matrix would start the threads of BLAS
         to_x, to_y, to_z = pose.rotation[axis].astype(np.float32)
         xy_m[:, axis] = x_m * to_x + y_m * to_y + z_m * to_z
     return Returns(xy_m, _kinds(sweep.xyz_m, stage), pose.apply(sweep.origin_m[None])[0, :2])
 
 
 def _kinds(xyz_m: F32, stage: GroundStage) -> U8:
-    """What each point (N, 3) of the ego frame was reflected by."""
+    """Return (N,) what reflected each point (N, 3) of the ego frame."""
     kind = np.full(len(xyz_m), OBSTACLE)
     if len(xyz_m) and stage.enabled:
         height_m = find_ground(xyz_m, stage.find).height_m

@@ -23,8 +23,7 @@ from mottrack.flow.pillarflow.raster import (
 )
 from mottrack.flow.pillarflow.shipped import weights_path
 from mottrack.flow.stages import Stages, StagesConfig
-from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
-from mottrack.flow.sweep_pair.prepared import SweepPair
+from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.inference.engine import Engine, Motion
@@ -65,6 +64,8 @@ class PillarFlow:
     """
 
     Config: type[PillarFlowConfig] = PillarFlowConfig
+    stateful = False
+    needs_sweeps = True
     error_model = FLOW_ERRORS
 
     def __init__(
@@ -94,7 +95,7 @@ class PillarFlow:
             InputError: ``current`` is not later than ``previous``.
         """
         if elapsed_seconds(previous, current) > self.config.max_gap_s:
-            kept, _ = self.stages.work_on(current).kept
+            kept, _ = self.stages.features_of(current).obstacles
             occupied = self.grid.occupancy(kept.xyz_m)
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
         prepared = self.stages.before(previous, current)
@@ -119,7 +120,7 @@ class PillarFlow:
 
     def reset(self) -> None:
         """Forgets the work on earlier sweeps."""
-        self.stages.forget()
+        self.stages.reset()
 
     def _field(self, motion: Motion, occupied: Mask, prepared: SweepPair) -> FlowField:
         """The network's cells looked up for each occupied cell, divided by the elapsed time."""

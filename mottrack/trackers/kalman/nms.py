@@ -3,7 +3,7 @@
 import numpy as np
 
 from mottrack.core.arrays import F64, I64
-from mottrack.geometry.pair_iou import bev_iou_of_pairs
+from mottrack.geometry.iou import bev_iou_of_pairs
 from mottrack.trackers.association.candidates import candidate_pairs
 
 

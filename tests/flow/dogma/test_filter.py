@@ -8,7 +8,7 @@ import pytest
 from mottrack.core.errors import InputError
 from mottrack.flow.dogma.field import ReadoutConfig, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig
-from mottrack.flow.dogma.measurement_grid import MeasurementGrid
+from mottrack.flow.dogma.measurement_grid import Masses
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 
@@ -109,7 +109,7 @@ def test_seeds_differ(flat_world):
 @pytest.mark.parametrize("dt_s", [0.0, -0.1, np.nan, np.inf])
 def test_time_must_advance(dt_s):
     window = Window.around(0.0, 0.0, 8, 0.25)
-    blank = MeasurementGrid(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
+    blank = Masses(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
     with pytest.raises(InputError, match="dt_s"):
         DynamicGridFilter(FilterConfig(particles=10, births=1), Workers(1)).step(
             blank, window, dt_s
@@ -117,7 +117,7 @@ def test_time_must_advance(dt_s):
 
 
 def test_shapes_must_agree():
-    blank = MeasurementGrid(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
+    blank = Masses(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
     grid_filter = DynamicGridFilter(FilterConfig(particles=10, births=1), Workers(1))
     with pytest.raises(InputError, match="shape of measured"):
         grid_filter.step(blank, Window.around(0.0, 0.0, 9, 0.25), 0.1)

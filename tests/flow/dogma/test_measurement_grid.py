@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
-from mottrack.flow.dogma.polar import Blind, free_reach_m
+from mottrack.flow.dogma.measurement_grid import SensorConfig, free_reach_m, measure
 from mottrack.flow.dogma.returns import GROUND, OBSTACLE, OVERHEAD, OWN, Returns
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
@@ -101,10 +100,13 @@ def test_a_direction_without_return_is_free_as_far_as_configured(reach_m):
 
 
 def test_ground_frees_overhead_only_looks_and_the_own_vehicle_shows_nothing():
-    seen_m = free_reach_m(*arc(9.0, GROUND), 360, Blind(0.2, 0.0))
-    np.testing.assert_allclose(seen_m, 9.0, rtol=1e-6)
-    np.testing.assert_allclose(free_reach_m(*arc(9.0, OVERHEAD), 360, Blind(0.2, 4.0)), 4.0)
-    assert not free_reach_m(*arc(1.0, OWN), 360, Blind(0.2, 4.0)).any()
+    def reach_m(returns, no_return_free_m):
+        config = SensorConfig(azimuth_bins=360, no_return_free_m=no_return_free_m)
+        return free_reach_m(Returns(*returns, CENTRE), config)
+
+    np.testing.assert_allclose(reach_m(arc(9.0, GROUND), 0.0), 9.0, rtol=1e-6)
+    np.testing.assert_allclose(reach_m(arc(9.0, OVERHEAD), 4.0), 4.0)
+    assert not reach_m(arc(1.0, OWN), 4.0).any()
 
 
 def test_an_empty_sweep_says_nothing():

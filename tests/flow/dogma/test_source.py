@@ -110,8 +110,8 @@ def test_reset_begins_anew_and_pairs_may_skip_sweeps():
     )
 
 
-def test_silence_of_static_cells():
-    readout = {"silence_static": True}
+def test_static_cells_may_be_reported_as_zero():
+    readout = {"zero_static": True}
     source = DogmaFlow(config(readout=readout), grid=GRID)
     field = drive(source, 6, speed_mps=0.0)
     assert field.valid.sum() > 5

@@ -16,7 +16,7 @@ from mottrack.flow.pillarflow.raster import (
     network_points,
     seen_shares,
 )
-from mottrack.flow.sweep_pair.prepared import SweepPair
+from mottrack.flow.sweep_pair import SweepPair
 
 EXAMPLE_GRID = BevGrid(cell_m=0.5)
 """The visibility rasters of an example lie on this grid."""

@@ -13,7 +13,7 @@ from mottrack.core.sweep import Sweep
 from mottrack.flow.pillarflow.training.example import Example, Labels, example_of, numbered
 from mottrack.flow.pillarflow.training.shards import write_shard
 from mottrack.flow.stages import Stages, StagesConfig
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair import GroundStage
 
 EDGE_M = 50.5
 
