@@ -1,7 +1,7 @@
 """Real LiDAR with known flow: consecutive sweeps and the true velocity of each occupied cell.
 
-PandaSet-002 is in the Argoverse 2 sensor layout, KITTI 0000 in packed sweeps; both are read from
-the shared data folder and are no part of the project.
+PandaSet-002 is in the Argoverse 2 sensor layout, KITTI 0000 in packed sweeps; both lie in the
+shared data folder and are no part of the project.
 """
 
 from __future__ import annotations
@@ -10,23 +10,30 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow.feather
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.objects import Truth
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.datasets.argoverse2.config import Argoverse2Config
+from mottrack.datasets.argoverse2.dataset import Argoverse2
+from mottrack.datasets.kitti.config import KittiConfig
+from mottrack.datasets.kitti.dataset import Kitti
 from mottrack.flow.sweep_pair import GroundStage, obstacle_points
 from mottrack.lidar.in_boxes import points_in_boxes
 
 MARGIN_M = 0.15
+"""Annotated boxes are tight and a few centimetres off; their surface points lie within this."""
 STATIC_BELOW_MPS = 0.4
+"""A slower object is at rest: annotated centres jitter by some centimetres in half a second."""
 HALF_WINDOW = 4
+"""Frames on either side over which an object's mean speed is taken: 0.8 s at 10 Hz."""
 KITTI_VIEW_RAD = np.radians(38.0)
-PANDAR_ORIGIN_M = np.array([1.5, 0.0, 1.95])
-"""Where the beams of this recording meet, from the sharpness of their elevations."""
+"""KITTI annotates what its camera sees, about 40 degrees to either side."""
+PANDAR_ORIGIN_M = (1.5, 0.0, 1.95)
+"""Optical centre of this recording, estimated from the sharpness of its beams' elevations."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,7 @@ class Drive:
     """Objects are annotated within this angle of straight ahead."""
 
     def frame(self, index: int) -> Frame:
-        """The frame that a flow source observes."""
+        """Return the frame that a flow source observes."""
         sweep = self.sweeps[index]
         return Frame(sweep.stamp_ns, sweep.world_T_ego, truth=self.truth[index])
 
@@ -50,19 +57,19 @@ class Drive:
 class CellTruth:
     """Truth on the occupied cells of one sweep."""
 
-    rows: NDArray[np.int64]
-    cols: NDArray[np.int64]
-    velocity_mps: NDArray[np.float64]
+    rows: I64
+    cols: I64
+    velocity_mps: F64
     """(C, 2) over the ground, current ego axes."""
-    object_of: NDArray[np.int64]
+    object_of: I64
     """(C,) row of the object in the sweep's truth, -1 for background."""
 
 
 def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
-    """Rigid motion of the grown boxes since the sweep before, on cells that hold their points.
+    """Return the rigid motion of the boxes since the sweep before, on cells that hold their points.
 
     A cell belongs to an object if most of its points do; the velocity is that of the mean of
-    those points, turn included. Objects whose mean speed over nine frames is under 0.4 m/s rest.
+    those points, rotation included. Objects slower than `STATIC_BELOW_MPS` rest.
     """
     sweep, truth = drive.sweeps[index], drive.truth[index]
     kept, _ = obstacle_points(sweep, GroundStage())
@@ -91,10 +98,8 @@ def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
     )
 
 
-def _point_velocities(
-    drive: Drive, index: int, xyz_m: NDArray[np.float64], object_of: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Velocity of each point by its box's rigid motion, and whether it is known."""
+def _point_velocities(drive: Drive, index: int, xyz_m: F64, object_of: I64) -> tuple[F64, Mask]:
+    """Return each point's velocity by its box's rigid motion, and whether it is known."""
     sweep, truth, before = drive.sweeps[index], drive.truth[index], drive.truth[index - 1]
     elapsed_s = seconds_between(before.stamp_ns, truth.stamp_ns)
     rotation = sweep.world_T_ego.inverse().rotation
@@ -117,7 +122,7 @@ def _point_velocities(
 
 
 def _mean_speed(drive: Drive, index: int, identity: int) -> float:
-    """Speed between the first and the last sighting within four frames either way."""
+    """Return the speed between the first and the last sighting within `HALF_WINDOW`."""
     seen = [
         (truth.stamp_ns, truth.centre_m[truth.id == identity][0])
         for truth in drive.truth[max(index - HALF_WINDOW, 0) : index + HALF_WINDOW + 1]
@@ -130,113 +135,30 @@ def _mean_speed(drive: Drive, index: int, identity: int) -> float:
 
 
 def read_pandaset(folder: Path) -> Drive:
-    """The PandaSet drive in the Argoverse 2 layout under `folder`."""
-    poses = pyarrow.feather.read_table(folder / "city_SE3_egovehicle.feather").to_pydict()
-    pose_of = {
-        stamp: Pose.from_quaternion_wxyz(q, t)
-        for stamp, q, t in zip(
-            poses["timestamp_ns"],
-            zip(*(poses[k] for k in ("qw", "qx", "qy", "qz")), strict=True),
-            zip(*(poses[k] for k in ("tx_m", "ty_m", "tz_m")), strict=True),
-            strict=True,
-        )
-    }
-    boxes = pyarrow.feather.read_table(folder / "annotations.feather")
-    columns = {name: boxes[name].to_numpy() for name in boxes.column_names}
-    ids = np.unique(columns["track_uuid"], return_inverse=True)[1]
-    sweeps, truths = [], []
-    for path in sorted((folder / "sensors" / "lidar").glob("*.feather")):
-        stamp_ns = int(path.stem)
-        table = pyarrow.feather.read_table(path)
-        xyz_m = np.column_stack([table[k].to_numpy() for k in "xyz"]).astype(np.float32)
-        reflectance = table["intensity"].to_numpy().astype(np.float32) / 255
-        sweeps.append(Sweep(xyz_m, reflectance, stamp_ns, pose_of[stamp_ns], PANDAR_ORIGIN_M))
-        at = columns["timestamp_ns"] == stamp_ns
-        local = _truth(
-            stamp_ns,
-            np.column_stack([columns[k][at] for k in ("tx_m", "ty_m", "tz_m")]),
-            np.column_stack([columns[k][at] for k in ("length_m", "width_m", "height_m")]),
-            2 * np.arctan2(columns["qz"][at], columns["qw"][at]),
-            ids[at],
-        )
-        truths.append(local.transformed(pose_of[stamp_ns], "world"))
-    return Drive("PandaSet-002", sweeps, truths, np.pi)
+    """Read the PandaSet drive in the Argoverse 2 layout at `folder`."""
+    config = Argoverse2Config(
+        root=folder.parents[1],
+        split=folder.parent.name,
+        scenes=(folder.name,),
+        require_sweeps=True,
+        lidar_origin_m=PANDAR_ORIGIN_M,
+    )
+    scene = Argoverse2(config).scene(folder.name)
+    indices = range(len(scene))
+    truth = [scene.frame(i).truth for i in indices]
+    return Drive("PandaSet-002", [scene.sweep(i) for i in indices], truth, np.pi)
 
 
 def read_kitti(folder: Path, sequence: str = "0000") -> Drive:
-    """A KITTI tracking sequence with packed sweeps; the ego frame is the Velodyne's."""
-    training = folder / "training"
-    calibration = {
-        line.split()[0].rstrip(":"): np.array(line.split()[1:], dtype=np.float64)
-        for line in (training / "calib" / f"{sequence}.txt").read_text().splitlines()
-        if line.strip()
-    }
-    rectify = np.eye(4)
-    rectify[:3, :3] = calibration["R0_rect"].reshape(3, 3)
-    camera_T_velo = np.vstack([calibration["Tr_velo_to_cam"].reshape(3, 4), [0, 0, 0, 1]])
-    cam_T_ego = _rigid(rectify @ camera_T_velo)
-    world_T_cam = np.loadtxt(training / "poses" / f"{sequence}.txt").reshape(-1, 3, 4)
-    ego0_T_world = cam_T_ego.inverse()
-    labels = [
-        line.split()
-        for line in (training / "label_02" / f"{sequence}.txt").read_text().splitlines()
-        if line.split()[1] != "-1"
-    ]
-    sweeps, truths = [], []
+    """Read a KITTI tracking sequence with packed sweeps."""
+    config = KittiConfig(root=folder, scenes=(sequence,), poses="poses", detections=None)
+    scene = Kitti(config).scene(sequence)
+    sweeps, truth = [], []
     for path in sorted((folder / "velodyne_packed" / sequence).glob("*.npz")):
-        index = int(path.stem)
-        stamp_ns = index * 100_000_000
+        frame = scene.frame(int(path.stem))
         with np.load(path) as packed:
             xyz_m = packed["xyz_5mm"] * np.float32(0.005)
-            reflectance = packed["reflectance_pct"] * np.float32(0.01)
-        world_T_ego = ego0_T_world @ _rigid(world_T_cam[index]) @ cam_T_ego
-        sweeps.append(Sweep(xyz_m, np.clip(reflectance, 0, 1), stamp_ns, world_T_ego))
-        rows = np.array([r for r in labels if int(r[0]) == index], dtype=object)
-        truths.append(_kitti_truth(rows, stamp_ns, cam_T_ego).transformed(world_T_ego, "world"))
-    return Drive("KITTI 0000", sweeps, truths, KITTI_VIEW_RAD)
-
-
-def _kitti_truth(rows: NDArray[np.object_], stamp_ns: int, cam_T_ego: Pose) -> Truth:
-    """Boxes of the camera frame (bottom centre, h w l, turn about the camera's y) in the ego's."""
-    if len(rows) == 0:
-        return Truth.empty(stamp_ns, "ego")
-    values = rows[:, 10:17].astype(np.float64)
-    ego_T_cam = cam_T_ego.inverse()
-    centre_cam_m = values[:, 3:6] - np.array([0.0, 0.5, 0.0]) * values[:, :1]
-    heading_cam = np.column_stack([np.cos(values[:, 6]), 0 * values[:, 6], -np.sin(values[:, 6])])
-    heading = heading_cam @ ego_T_cam.rotation.T
-    return _truth(
-        stamp_ns,
-        ego_T_cam.apply(centre_cam_m),
-        values[:, [2, 1, 0]],
-        np.arctan2(heading[:, 1], heading[:, 0]),
-        rows[:, 1].astype(np.int64),
-    )
-
-
-def _rigid(matrix: NDArray[np.float64]) -> Pose:
-    """The rigid transform nearest to a (3|4, 4) matrix printed with few digits."""
-    u, _, vt = np.linalg.svd(matrix[:3, :3])
-    return Pose(u @ vt, matrix[:3, 3])
-
-
-def _truth(
-    stamp_ns: int,
-    centre_m: NDArray[np.float64],
-    size_m: NDArray[np.float64],
-    yaw_rad: NDArray[np.float64],
-    identity: NDArray[np.int64],
-) -> Truth:
-    n = len(identity)
-    return Truth(
-        stamp_ns=stamp_ns,
-        frame="ego",
-        centre_m=centre_m,
-        size_m=size_m,
-        yaw_rad=yaw_rad,
-        label=np.full(n, "object"),
-        id=identity,
-        velocity_mps=np.zeros((n, 2)),
-        num_points=np.full(n, -1),
-        interpolated=np.zeros(n, dtype=np.bool_),
-    )
+            reflectance = np.clip(packed["reflectance_pct"] * np.float32(0.01), 0, 1)
+        sweeps.append(Sweep(xyz_m, reflectance, frame.stamp_ns, frame.world_T_ego))
+        truth.append(frame.truth)
+    return Drive("KITTI 0000", sweeps, truth, KITTI_VIEW_RAD)

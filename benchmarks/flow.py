@@ -21,15 +21,14 @@ import onnxruntime
 import torch
 from _common import arguments, report
 
+from mottrack.core.arrays import F32
 from mottrack.core.grid import BevGrid
 from mottrack.flow.pillarflow.calibration import Calibration
-from mottrack.flow.pillarflow.descriptors import CellGrid
+from mottrack.flow.pillarflow.decoders import preset
+from mottrack.flow.pillarflow.engine import CpuEngine, use_threads
 from mottrack.flow.pillarflow.export import INPUTS, export_onnx
-from mottrack.flow.pillarflow.inference.engine import CpuEngine
 from mottrack.flow.pillarflow.network import PillarFlowNet
-from mottrack.flow.pillarflow.presets import preset
-from mottrack.flow.pillarflow.raster import network_cells
-from mottrack.flow.pillarflow.threads import use_threads
+from mottrack.flow.pillarflow.pillars import CellGrid
 from mottrack.flow.pillarflow.weights_file import Weights
 
 
@@ -52,7 +51,7 @@ def best_of(task: Callable[[], object], runs: int) -> Best:
     return Best(1e3 * min(walls), 1e3 * min(cpus))
 
 
-def sweep(count: int, seed: int) -> np.ndarray:
+def sweep(count: int, seed: int) -> F32:
     """Points (N,4) with the radial density of a spinning LiDAR."""
     rng = np.random.default_rng(seed)
     radius, angle = rng.exponential(18.0, count) + 3.0, rng.uniform(0, 2 * np.pi, count)
@@ -83,8 +82,7 @@ def measure(name: str, threads: int, points: int, runs: int) -> dict[str, object
     use_threads(threads)
     torch.manual_seed(0)
     weights = Weights(PillarFlowNet(preset(name)).eval(), Calibration(), True)
-    engine, shape = CpuEngine(weights), weights.network.config
-    cells = network_cells(BevGrid(), shape.cell_m, shape.multiple)
+    engine, cells = CpuEngine(weights), weights.network.cells(BevGrid())
     sweeps = [sweep(points, seed) for seed in (0, 1)]
     images = [
         torch.from_numpy(engine.image(one, cells))[None].permute(0, 3, 1, 2) for one in sweeps
@@ -102,7 +100,7 @@ def measure(name: str, threads: int, points: int, runs: int) -> dict[str, object
         "onnxruntime wall/cpu ms": f"{peer.wall_ms:.1f} / {peer.cpu_ms:.1f}",
         "pair wall ms": pillars.wall_ms + network.wall_ms,
         "pair cpu ms": pillars.cpu_ms + network.cpu_ms,
-        "cpu, onnxruntime / ours": peer.cpu_ms / network.cpu_ms,
+        "cpu, onnxruntime / mottrack": peer.cpu_ms / network.cpu_ms,
     }
 
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from _common import arguments, report
 from _real_pairs import Drive, cell_truth, read_kitti, read_pandaset
-from numpy.typing import NDArray
 
+from mottrack.core.arrays import Floats
 from mottrack.core.errors import MottrackError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSource, FrameObserver
@@ -35,8 +35,10 @@ from mottrack.flow.pillarflow.source import (
     PillarFlowConfig,
 )
 from mottrack.flow.zero import ZeroFlow
+from mottrack.pipeline.stream import is_stateful
 
 DYNAMIC_MPS = 0.5
+"""A faster cell is dynamic, as everywhere in the flow scores."""
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 ROWS: dict[str, Callable[[BevGrid], FlowSource]] = {
     "zero": lambda grid: ZeroFlow(grid=grid),
@@ -55,8 +57,8 @@ ROWS: dict[str, Callable[[BevGrid], FlowSource]] = {
 }
 
 
-def scores(estimate_mps: NDArray[Any], truth_mps: NDArray[Any]) -> dict[str, float]:
-    """Figures of (C, 2) estimates against (C, 2) truths, both in m/s."""
+def scores(estimate_mps: Floats, truth_mps: Floats) -> dict[str, float]:
+    """Score (C, 2) estimates against (C, 2) truths, both in m/s."""
     error = np.hypot(*(estimate_mps - truth_mps).T)
     speed = np.hypot(*estimate_mps.T)
     dynamic = np.hypot(*truth_mps.T) > DYNAMIC_MPS
@@ -72,9 +74,9 @@ def scores(estimate_mps: NDArray[Any], truth_mps: NDArray[Any]) -> dict[str, flo
 
 
 def run(drive: Drive, source: FlowSource, grid: BevGrid, every: int) -> dict[str, float]:
-    """Scores of one source over a drive; one that filters over time sees every sweep."""
+    """Score one source over a drive; one that filters over time sees every sweep."""
     estimates, truths, milliseconds = [], [], []
-    stateful = bool(getattr(source, "stateful", False))
+    stateful = is_stateful(source)
     for index in range(1, len(drive.sweeps)):
         if index % every and not stateful:
             continue
@@ -108,7 +110,7 @@ def main() -> None:
             try:
                 source = ROWS[name](grid)
             except MottrackError as error:
-                print(f"{name} left out: {error}")
+                print(f"{name} skipped: {error}")
                 continue
             line = run(drive, source, grid, 5 if options.quick else 1)
             lines.append({"drive": drive.name, "source": name, **line})

@@ -10,13 +10,15 @@ import typer
 from mottrack.cli.arguments import Config, Sweep
 
 if TYPE_CHECKING:
-    from mottrack.studies.noise import NoiseStudy
+    from mottrack.studies.tracker_noise import NoiseStudy
 
-Out = Annotated[Path, typer.Option("--out", help="YAML file for `tracker`, made or replaced")]
+Out = Annotated[
+    Path, typer.Option("--out", help="YAML file of a `tracker` group; replaced if it exists")
+]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command of this module."""
+    """Add the command of this module."""
     app.command("estimate-noise")(estimate_noise)
 
 
@@ -28,7 +30,7 @@ def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None
     """
     from mottrack.core.storage import write_text
     from mottrack.experiment.experiment import load_experiments
-    from mottrack.studies.noise import study_noise
+    from mottrack.studies.tracker_noise import study_noise
 
     experiments = load_experiments(config, overrides or [])
     for experiment in experiments:
@@ -56,7 +58,7 @@ def _yaml(study: NoiseStudy) -> str:
 
 
 def _table(study: NoiseStudy) -> str:
-    """What was estimated, from how much, and whether the filter is honest with it."""
+    """Return the estimates, the number of samples behind them, and the filter's consistency."""
     lines = [
         "class         pairs  outliers  accelerations   sigma x  y  z  yaw  (m, rad)  q (m2/s3)"
     ]
@@ -75,7 +77,7 @@ def _table(study: NoiseStudy) -> str:
     for when, results in (("before", study.before), ("after", study.after)):
         for what, c in results.items():
             lines.append(
-                f"{what} {when}: {c.mean_ratio:.2f} of the expected mean (1 is honest), "
+                f"{what} {when}: {c.mean_ratio:.2f} of the expected mean (1 is consistent), "
                 f"{c.inside_95:.1%} within 95 %, n = {c.count}"
             )
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,14 +16,12 @@ if TYPE_CHECKING:
 
 Config = Annotated[str, typer.Argument(help="YAML file of a training run, or a shipped one")]
 Out = Annotated[Path, typer.Option("--out", help="folder of the run; a checkpoint is resumed")]
-Examples = Annotated[
-    Path, typer.Option("--examples", help="folder in which sets of examples are kept")
-]
-Into = Annotated[Path, typer.Option("--out", help="folder in which the set of examples is made")]
+Examples = Annotated[Path, typer.Option("--examples", help="folder of the sets of examples")]
+ExamplesOut = Annotated[Path, typer.Option("--out", help="folder of the sets of examples")]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands of this module."""
+    """Add the commands of this module."""
     app.command("train")(train)
     app.command("examples")(examples)
     app.command("calibrate")(calibrate)
@@ -38,8 +37,8 @@ def train(
 ) -> None:
     """Train a PillarFlow network; under torchrun on all its processes."""
     from mottrack.cli.work_bar import WorkBar
-    from mottrack.flow.pillarflow.training.run import run
     from mottrack.flow.pillarflow.training.shards import Shards
+    from mottrack.flow.pillarflow.training.trainer import run
 
     settings = _read(config, overrides or [])
     folder = _examples(settings.examples, examples)
@@ -47,14 +46,14 @@ def train(
     with WorkBar("train", settings.steps) as bar:
         scores = run(settings, out, training, held_out, bar.training)
     if scores is not None:
-        for name, value in scores.as_dict().items():
+        for name, value in asdict(scores).items():
             typer.echo(f"{name:20} {value:.3f}")
 
 
 def examples(
-    config: Config, overrides: Overrides = None, *, out: Into = Path("out/examples")
+    config: Config, overrides: Overrides = None, *, out: ExamplesOut = Path("out/examples")
 ) -> None:
-    """Make the examples of a training run ahead of it."""
+    """Make the examples of a training run before it starts."""
     settings = _read(config, overrides or [])
     typer.echo(str(_examples(settings.examples, out)))
 
@@ -64,17 +63,14 @@ def export(
     *,
     out: Annotated[Path, typer.Option("--out", help="the .onnx file to write")],
 ) -> None:
-    """Write everything behind the pillars as ONNX and check it in onnxruntime."""
+    """Write the network behind the pillars as ONNX and check it in onnxruntime."""
     from mottrack.core.grid import BevGrid
     from mottrack.flow.pillarflow.export import export_onnx
-    from mottrack.flow.pillarflow.raster import network_cells
-    from mottrack.flow.pillarflow.shipped import weights_path
+    from mottrack.flow.pillarflow.source import weights_path
     from mottrack.flow.pillarflow.weights_file import load_weights
 
     loaded = load_weights(weights_path(weights))
-    shape = loaded.network.config
-    cells = network_cells(BevGrid(), shape.cell_m, shape.multiple)
-    worst_m = export_onnx(loaded, out, cells)
+    worst_m = export_onnx(loaded, out, loaded.network.cells(BevGrid()))
     typer.echo(f"{out}: onnxruntime differs by at most {worst_m:.2g} m")
 
 
@@ -85,14 +81,14 @@ def calibrate(
 ) -> None:
     """Fit the covariance of trained weights to their errors on held-out pairs."""
     from mottrack.cli.work_bar import WorkBar
-    from mottrack.studies.calibration import calibrate_weights
+    from mottrack.studies.flow_calibration import calibrate_weights
 
     with WorkBar("pairs", pairs) as bar:
-        found = calibrate_weights(weights, pairs, bar.shards)
-    fit = found.calibration
+        study = calibrate_weights(weights, pairs, bar.shards)
+    fit = study.calibration
     typer.echo(f"scale {fit.scale:.4g}  sigma {fit.sigma_m:.3g} m  half {fit.half_m:.3g} m")
     typer.echo(f"{'':20} before   after")
-    before, after = found.before.as_dict(), found.after.as_dict()
+    before, after = asdict(study.before), asdict(study.after)
     for name, value in after.items():
         typer.echo(f"{name:20} {before[name]:6.3f}  {value:6.3f}")
 
@@ -112,7 +108,7 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     for text in overrides:
         key, values = parse_override(text)
         if len(values) != 1:
-            raise ConfigError(f"override '{text}' has several values; training takes one")
+            raise ConfigError(f"override '{text}' has several values; a training run takes one")
         set_key(tree, key, values[0])
     try:
         return TrainConfig.model_validate(tree)
@@ -121,9 +117,9 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
 
 
 def _examples(config: ExamplesConfig, parent: Path) -> Path:
-    """Make the examples, or wait for the first process to have made them."""
+    """Make the examples; a later rank of torchrun waits for the first to have made them."""
     from mottrack.cli.work_bar import WorkBar
-    from mottrack.studies.training_data import await_examples, examples_folder, make_examples
+    from mottrack.studies.training_examples import await_examples, examples_folder, make_examples
 
     folder = examples_folder(config, parent)
     if int(os.environ.get("RANK", "0")):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mottrack.experiment.experiment import Experiment, compose
-from mottrack.flow.pillarflow.shipped import SHIPPED
+from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.paper.plan import config_file
 
 ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")

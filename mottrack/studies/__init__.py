@@ -1,1 +1,1 @@
-"""Estimate noise, training data, calibrations and pictures from experiments."""
+"""Offline studies: tracker noise, training examples, covariance calibration, DOGMa animation."""

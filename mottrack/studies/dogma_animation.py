@@ -1,4 +1,4 @@
-"""The dynamic occupancy grid map of a scene, sweep by sweep, as pictures."""
+"""Animate the dynamic occupancy grid map (DOGMa) of a scene, sweep by sweep."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mottrack.viz.dogma import MapPicture
 
 
 def map_pictures(experiment: Experiment, scene: Scene) -> Iterator[MapPicture]:
-    """A picture of the map after every sweep but the first.
+    """Yield a picture of the map after every sweep but the first.
 
     Raises:
         ConfigError: the experiment's flow source keeps no map, or the scene has no sweeps.
@@ -26,7 +26,7 @@ def map_pictures(experiment: Experiment, scene: Scene) -> Iterator[MapPicture]:
     if not isinstance(source, DogmaFlow):
         raise ConfigError(f"flow '{experiment.flow.kind}' keeps no map; choose flow=dogma")
     if not scene.has_sweeps:
-        raise ConfigError(f"scene '{scene.name}' has no sweeps, of which the map is made")
+        raise ConfigError(f"scene '{scene.name}' has no sweeps, from which the map is made")
     source.reset()
     sweeps = (scene.sweep(index) for index in range(len(scene)))
     start_ns = scene.frame(0).stamp_ns
@@ -36,7 +36,7 @@ def map_pictures(experiment: Experiment, scene: Scene) -> Iterator[MapPicture]:
 
 
 def sweep_period_s(scene: Scene) -> float:
-    """The median time between the sweeps of a scene."""
+    """Return the median time between the sweeps of a scene; 1 s for a scene of one sweep."""
     stamps_ns = [scene.frame(index).stamp_ns for index in range(len(scene))]
     return float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 1.0
 

@@ -11,7 +11,7 @@ from mottrack.core import ConfigError, DataError
 from mottrack.core.snapshot import load_snapshots
 from mottrack.datasets.writers import write_synthetic
 from mottrack.experiment.experiment import Experiment, compose
-from mottrack.flow.pillarflow.shipped import SHIPPED
+from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.runs.comparison import run_comparison
 from mottrack.runs.comparison_tables import comparison_tables

@@ -20,8 +20,8 @@ from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Span, Workers
 
 MAX_DRAWS = 4
-"""Draws of a velocity. Each costs as much as the first; where a share p of the draws comes from free
-space, p^4 of the particles still do."""
+"""Draws of a velocity. Each costs as much as the first; where a share p of the draws comes from
+free space, p^4 of the particles still do."""
 
 
 class BirthConfig(StrictModel):

@@ -1,1 +1,1 @@
-"""PillarFlow: pillars, a pyramid, a cost volume and a motion for each cell (paper, section III)."""
+"""PillarFlow: learned bird's-eye flow from two LiDAR sweeps (paper, sections III and IV)."""

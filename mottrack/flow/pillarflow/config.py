@@ -1,4 +1,4 @@
-"""The shape of a PillarFlow network as plain data (paper, section III)."""
+"""Architecture of a PillarFlow network as plain data (paper, section III)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from mottrack.config import StrictModel
 
 
 class NetworkConfig(StrictModel):
-    """Widths, levels and reach of one network; `presets` names the usual ones.
+    """Widths, levels and search radii of one network; `decoders.PRESETS` has the shipped ones.
 
+    It is stored in the header of a weights file, so a renamed key makes older weights unreadable.
     Level `l` of the pyramid has cells of `cell_m * stem_stride * 2**l` metres.
     """
 
@@ -19,25 +20,23 @@ class NetworkConfig(StrictModel):
     encoder: Literal["pillars", "binary"] = Field(
         "pillars", description="learned pillars (III-A) or the binary occupancy of IV-C"
     )
-    backbone: Literal["pwc", "spynet", "flownet"] = Field(
-        "pwc", description="flow network behind the encoder (Table II)"
-    )
+    backbone: str = Field("pwc", description="flow network, a key of `decoders.DECODERS`")
     pillar_channels: int = Field(24, ge=1, description="C of the pseudo-image")
     stem_stride: Literal[1, 2] = Field(1, description="stride of the first convolution")
     pyramid_channels: tuple[int, ...] = Field((24, 40, 56), description="width of each level")
     convs_per_level: int = Field(2, ge=1, description="3x3 convolutions of a pyramid level")
     finest_level: int = Field(0, ge=0, description="finest level that is decoded")
-    displacement: int = Field(3, ge=1, description="reach of a cost volume in cells")
+    displacement: int = Field(3, ge=1, description="search radius of a cost volume [cells]")
     rest_displacement: int = Field(
-        1, ge=0, description="reach of the second, unwarped cost volume (is it at rest?)"
+        1, ge=0, description="search radius of the second cost volume, around zero motion [cells]"
     )
     match_channels: int = Field(16, ge=0, description="1x1 projection before matching; 0: none")
     estimator_channels: tuple[int, ...] = Field((40, 32, 24), description="flow estimator")
     dense: bool = Field(False, description="DenseNet links inside an estimator (PWC-Net)")
-    upfeat_channels: int = Field(8, ge=1, description="features handed to the next level")
+    upfeat_channels: int = Field(8, ge=1, description="features passed to the next finer level")
     context_channels: tuple[int, ...] = Field((24, 24, 24), description="context network")
     context_dilations: tuple[int, ...] = Field((1, 2, 4), description="one per context layer")
-    visibility: bool = Field(True, description="unseen and seen-free of both sweeps as channels")
+    visibility: bool = Field(True, description="visibility of both sweeps as channels")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -70,6 +69,6 @@ class NetworkConfig(StrictModel):
         return self.strides[self.finest_level]
 
     @property
-    def multiple(self) -> int:
-        """Height and width of the pseudo-image must be multiples of this."""
-        return self.strides[-1] * (2 if self.backbone == "flownet" else 1)
+    def image_channels(self) -> int:
+        """Number of channels of the pseudo-image that the encoder makes."""
+        return self.pillar_channels if self.encoder == "pillars" else 1

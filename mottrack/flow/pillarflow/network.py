@@ -1,4 +1,4 @@
-"""PillarFlow: two sweeps of points in, a motion and its uncertainty for each cell out."""
+"""PillarFlow: two sweeps of points -> displacement and covariance of each cell (section III)."""
 
 from __future__ import annotations
 
@@ -7,78 +7,153 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
+from mottrack.core.grid import BevGrid
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.flownet import FlowNetDecoder
-from mottrack.flow.pillarflow.layers import side_by_side
-from mottrack.flow.pillarflow.pillar_net import BinaryEncoder, PillarEncoder, Points
-from mottrack.flow.pillarflow.pwc import PwcDecoder
-from mottrack.flow.pillarflow.spynet import SpyNetDecoder
-from mottrack.flow.pillarflow.uncertainty import Uncertainty
+from mottrack.flow.pillarflow.decoders import make_decoder
+from mottrack.flow.pillarflow.layers import concatenate, conv_block
+from mottrack.flow.pillarflow.pillars import DESCRIPTORS, CellGrid, network_cells
 
-Decoder = PwcDecoder | SpyNetDecoder | FlowNetDecoder
-DECODERS: dict[str, type[Decoder]] = {
-    "pwc": PwcDecoder,
-    "spynet": SpyNetDecoder,
-    "flownet": FlowNetDecoder,
-}
+
+@dataclass(frozen=True)
+class PointBatch:
+    """Points of a batch of sweeps, in no order."""
+
+    descriptors: torch.Tensor
+    """(N,9) of `pillars.describe`."""
+    cells: torch.Tensor
+    """(N,) int64: flat index into (sweeps, rows, columns)."""
+    sweeps: int
+    """Number of sweeps."""
+    rows: int
+    """Rows of the grid of pillars."""
+    columns: int
+    """Columns of the same."""
+
+    def to(self, device: torch.device) -> PointBatch:
+        """Copy to a device."""
+        descriptors = self.descriptors.to(device, non_blocking=True)
+        cells = self.cells.to(device, non_blocking=True)
+        return PointBatch(descriptors, cells, self.sweeps, self.rows, self.columns)
+
+
+@dataclass(frozen=True)
+class NetworkInput:
+    """Both sweeps of a batch of pairs, in the current ego frame."""
+
+    current: PointBatch
+    previous: PointBatch
+    visibility: torch.Tensor
+    """(B,4,H,W) shares of a cell, unseen and seen-free of the current, then the previous sweep."""
+
+    def to(self, device: torch.device) -> NetworkInput:
+        """Copy to a device."""
+        visibility = self.visibility.to(device, non_blocking=True)
+        return NetworkInput(self.current.to(device), self.previous.to(device), visibility)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What the network says, in metres over the interval between the sweeps."""
+    """Output of the network, in metres over the interval between the sweeps."""
 
     motions: list[torch.Tensor]
-    """(B,2,h,w) each, coarse to fine: way of each current cell since the previous sweep."""
+    """(B,2,h,w) each, coarse to fine: displacement of current cells since the previous sweep."""
     factor: torch.Tensor
-    """(B,3,h,w): Cholesky factor of the finest motion's covariance (`uncertainty`)."""
+    """(B,3,h,w) Cholesky factor of the finest displacement's covariance, see `Uncertainty`."""
 
 
-@dataclass(frozen=True)
-class SweepPair:
-    """The network's input: both sweeps in the current ego frame."""
+class PillarEncoder(nn.Module):
+    """Linear + BatchNorm + ReLU for each point, maximum over its pillar, scatter (III-A).
 
-    current: Points
-    previous: Points
-    visibility: torch.Tensor
-    """(B,4,H,W): unseen and seen-free of the current, then of the previous sweep; 0 or 1."""
+    Dynamic pillars: no padding and no cap on pillars or points. A ReLU is never negative, so a
+    scatter with `amax` into zeros is the maximum over the points and 0 for an empty pillar.
+    """
 
-    def to(self, device: torch.device) -> SweepPair:
-        """Copy to a device."""
-        visibility = self.visibility.to(device, non_blocking=True)
-        return SweepPair(self.current.to(device), self.previous.to(device), visibility)
+    def __init__(self, channels: int) -> None:
+        """Build the layer; `channels` is C of the pseudo-image."""
+        super().__init__()
+        self.channels = channels
+        self.linear = nn.Linear(DESCRIPTORS, channels, bias=False)
+        self.norm = nn.BatchNorm1d(channels)
+
+    def forward(self, points: PointBatch) -> torch.Tensor:
+        """Return the pseudo-image (B,C,H,W)."""
+        embedded = torch.relu(self.norm(self.linear(points.descriptors))).float()
+        image = embedded.new_zeros(points.sweeps * points.rows * points.columns, self.channels)
+        index = points.cells[:, None].expand(-1, self.channels)
+        image = image.scatter_reduce(0, index, embedded, "amax", include_self=True)
+        image = image.view(points.sweeps, points.rows, points.columns, self.channels)
+        return image.permute(0, 3, 1, 2)
+
+
+class BinaryEncoder(nn.Module):
+    """Binary occupancy: one channel, 1 where a cell has a point (section IV-C)."""
+
+    def forward(self, points: PointBatch) -> torch.Tensor:
+        """Return the occupancy (B,1,H,W)."""
+        image = points.descriptors.new_zeros(points.sweeps * points.rows * points.columns)
+        image[points.cells] = 1.0
+        return image.view(points.sweeps, 1, points.rows, points.columns)
+
+
+class Uncertainty(nn.Module):
+    """Heteroscedastic head: features (B,C,H,W) -> Cholesky factor L of a covariance (B,3,H,W).
+
+    The channels are (log L_xx, L_yx, log L_yy) in metres. The features arrive detached: the
+    displacement is trained by its own loss alone.
+    """
+
+    log_range = (-5.0, 2.0)
+    """Standard deviations from 7 mm, below a sensor's noise, to 7 m, beyond any match."""
+
+    def __init__(self, *, inputs: int, width: int = 24) -> None:
+        """Initialise near L = 0.1 m times the identity (log 0.1 = -2.3)."""
+        super().__init__()
+        self.hidden = conv_block(inputs, width)
+        self.factor = nn.Conv2d(width, 3, 1)
+        with torch.no_grad():
+            # a tenth of torch's initial weights: the bias decides at first
+            self.factor.weight.mul_(0.1)
+            self.factor.bias.copy_(torch.tensor([-2.3, 0.0, -2.3]))  # type: ignore[union-attr]
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Return the factor, its logarithms clamped to `log_range`."""
+        factor: torch.Tensor = self.factor(self.hidden(features.detach()))
+        xx, yx, yy = (factor[:, i : i + 1] for i in range(3))
+        return torch.cat((xx.clamp(*self.log_range), yx, yy.clamp(*self.log_range)), dim=1)
 
 
 class BevFlowNet(nn.Module):
-    """Two pseudo-images (B,C,H,W) -> Estimate: all of the network behind the encoder."""
+    """Two pseudo-images (B,C,H,W) -> Estimate: the network behind the encoder."""
 
     def __init__(self, config: NetworkConfig) -> None:
         """Build the decoder that the configuration names and the uncertainty head."""
         super().__init__()
         self.visibility = config.visibility
-        channels = config.pillar_channels if config.encoder == "pillars" else 1
-        inputs = channels + (2 if config.visibility else 0)
-        decoder = DECODERS[config.backbone](config, inputs=inputs)
-        self.decoder = decoder
-        self.uncertainty = Uncertainty(inputs=int(decoder.outputs))
+        inputs = config.image_channels + (2 if config.visibility else 0)
+        self.decoder = make_decoder(config, inputs=inputs)
+        self.uncertainty = Uncertainty(inputs=self.decoder.outputs)
 
     def forward(
         self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor
     ) -> Estimate:
-        """Estimate; `visibility` (B,4,H,W) as in SweepPair."""
-        beside = None
+        """Estimate the displacements; `visibility` (B,4,H,W) as in `NetworkInput`."""
+        of_previous = None
         if self.visibility:
-            current = side_by_side([current, visibility[:, :2]])
-            previous = side_by_side([previous, visibility[:, 2:]])
-            beside = visibility[:, 2:]
-        motions, features = self.decoder(current, previous, beside)
+            of_previous = visibility[:, 2:]
+            current = concatenate([current, visibility[:, :2]])
+            previous = concatenate([previous, of_previous])
+        motions, features = self.decoder(current, previous, of_previous)
         return Estimate([m.float() for m in motions], self.uncertainty(features).float())
 
 
 class PillarFlowNet(nn.Module):
-    """Encoder and flow network: the class behind every preset."""
+    """Encoder and flow network as `config` describes them.
+
+    Raises:
+        InputError: the configuration names a backbone that does not exist.
+    """
 
     def __init__(self, config: NetworkConfig) -> None:
-        """Build the network that `config` describes."""
         super().__init__()
         self.config = config
         self.encoder: PillarEncoder | BinaryEncoder = (
@@ -88,9 +163,14 @@ class PillarFlowNet(nn.Module):
         )
         self.flow = BevFlowNet(config)
 
-    def forward(self, pair: SweepPair) -> Estimate:
-        """Estimate the motion of the current sweep's cells."""
+    def forward(self, pair: NetworkInput) -> Estimate:
+        """Estimate the displacement of the current sweep's cells."""
         estimate: Estimate = self.flow(
             self.encoder(pair.current), self.encoder(pair.previous), pair.visibility
         )
         return estimate
+
+    def cells(self, grid: BevGrid) -> CellGrid:
+        """Return the network's own cells over `grid`, a multiple of its coarsest stride."""
+        multiple = self.config.strides[-1] * self.flow.decoder.extra_stride
+        return network_cells(grid, self.config.cell_m, multiple)

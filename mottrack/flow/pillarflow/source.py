@@ -1,4 +1,4 @@
-"""PillarFlow and its binary rival as flow sources."""
+"""PillarFlow and its binary baseline as flow sources."""
 
 from __future__ import annotations
 
@@ -10,28 +10,39 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.arrays import Mask
-from mottrack.core.errors import ConfigError
+from mottrack.core.errors import DataError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import FLOW_ERRORS
-from mottrack.flow.pillarflow.raster import (
-    cell_of_centres,
-    network_cells,
-    network_points,
-    seen_shares,
-)
-from mottrack.flow.pillarflow.shipped import weights_path
+from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
 from mottrack.flow.stages import Stages, StagesConfig
 from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds
 
 if TYPE_CHECKING:
-    from mottrack.flow.pillarflow.inference.engine import Engine, Motion
-    from mottrack.flow.pillarflow.weights_file import Weights
+    from mottrack.flow.pillarflow.engine import CellMotion
+
+SHIPPED = Path(__file__).parent / "weights"
+"""Folder of the weights that come with the package."""
+
+
+def weights_path(name: str) -> Path:
+    """Return the file of shipped weights, or `name` itself if it is a .safetensors file.
+
+    Raises:
+        DataError: no weights of that name are shipped.
+    """
+    if name.endswith(".safetensors"):
+        return Path(name)
+    file = SHIPPED / f"{name}.safetensors"
+    if not file.exists():
+        shipped = sorted(path.stem for path in SHIPPED.glob("*.safetensors"))
+        raise DataError(file, "weights", "absent", f"one of {shipped} or a .safetensors file")
+    return file
 
 
 class PillarFlowConfig(StrictModel):
-    """Which weights, where they run, and the stages around them."""
+    """Weights, device, and the stages around the network."""
 
     weights: str = Field("base", description="shipped weights by name, or a .safetensors file")
     device: Literal["auto", "cpu", "cuda"] = Field(
@@ -43,11 +54,11 @@ class PillarFlowConfig(StrictModel):
     threads: int = Field(0, ge=0, description="CPU threads; 0: as the process is set")
     stages: StagesConfig = Field(default_factory=StagesConfig)
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
-    max_gap_s: float = Field(0.5, gt=0, description="over a longer gap nothing is measured")
+    max_gap_s: float = Field(0.5, gt=0, description="over a longer gap no cell is valid")
     max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
 
     def files(self) -> tuple[Path, ...]:
-        """The weights; raises DataError if none of that name are shipped."""
+        """Return the weights' file; raises DataError if none of that name are shipped."""
         return (weights_path(self.weights),)
 
 
@@ -60,7 +71,7 @@ class BinaryOgmConfig(PillarFlowConfig):
 class PillarFlow:
     """Estimates a dense field of velocities with a learned network.
 
-    The raw network is `raw`; `estimate` applies the stages before it and, if `refined`, after it.
+    `raw` is the network alone; `estimate` applies the stages before it and, if `refined`, after it.
     """
 
     Config: type[PillarFlowConfig] = PillarFlowConfig
@@ -71,25 +82,29 @@ class PillarFlow:
     def __init__(
         self, config: PillarFlowConfig | None = None, *, grid: BevGrid | None = None
     ) -> None:
-        """Loads the weights.
+        """Load the weights.
 
         Raises:
             DataError: they are absent or unusable.
             ConfigError: a GPU is asked for and there is none.
         """
+        # torch takes seconds to import: only who makes a source waits for it
+        from mottrack.flow.pillarflow.engine import make_engine, use_threads
         from mottrack.flow.pillarflow.weights_file import load_weights
 
         self.config = config or self.Config()
         self.grid = grid or BevGrid()
         self.stages = Stages(self.config.stages, self.grid)
         weights = load_weights(weights_path(self.config.weights))
-        shape = weights.network.config
-        self.cells = network_cells(self.grid, shape.cell_m, shape.multiple)
+        self.cells = weights.network.cells(self.grid)
         self._index = cell_of_centres(self.grid, self.cells)
-        self._engine = _engine(weights, self.config)
+        use_threads(self.config.threads)
+        self._engine = make_engine(
+            weights, device=self.config.device, precision=self.config.precision
+        )
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """The field at `current`; over a gap longer than `max_gap_s` no cell is valid.
+        """Estimate the field at `current`; over a gap longer than `max_gap_s` no cell is valid.
 
         Raises:
             InputError: ``current`` is not later than ``previous``.
@@ -98,38 +113,36 @@ class PillarFlow:
             kept, _ = self.stages.features_of(current).obstacles
             occupied = self.grid.occupancy(kept.xyz_m)
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
-        prepared = self.stages.before(previous, current)
-        field = self.raw(prepared)
-        return self.stages.after(field, prepared) if self.config.refined else field
+        pair = self.stages.before(previous, current)
+        field = self.raw(pair)
+        return self.stages.after(field, pair) if self.config.refined else field
 
-    def raw(self, prepared: SweepPair) -> FlowField:
-        """The network alone, on a prepared pair; nothing is valid if either sweep is empty."""
-        occupied = self.grid.occupancy(prepared.current.xyz_m)
-        stamp_ns = prepared.current.stamp_ns
-        if not len(prepared.previous) or not occupied.any():
-            return FlowField.unmeasured(self.grid, occupied, stamp_ns)
-        then, now = prepared.previous, prepared.current
-        seen = (prepared.current_seen, prepared.previous_seen)
+    def raw(self, pair: SweepPair) -> FlowField:
+        """Run the network alone; nothing is valid if either sweep is empty."""
+        previous, current = pair.previous, pair.current
+        occupied = self.grid.occupancy(current.xyz_m)
+        if not len(previous) or not occupied.any():
+            return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
         motion = self._engine.run(
-            network_points(then.xyz_m, prepared.previous_height_m, then.reflectance),
-            network_points(now.xyz_m, prepared.current_height_m, now.reflectance),
-            seen_shares(seen, self._index, self.cells),
+            network_points(previous.xyz_m, pair.previous_height_m, previous.reflectance),
+            network_points(current.xyz_m, pair.current_height_m, current.reflectance),
+            visibility_shares(pair.current_seen, pair.previous_seen, self._index, self.cells),
             self.cells,
         )
-        return self._field(motion, occupied, prepared)
+        return self._field(motion, occupied, pair)
 
     def reset(self) -> None:
-        """Forgets the work on earlier sweeps."""
+        """Remove the features of earlier sweeps."""
         self.stages.reset()
 
-    def _field(self, motion: Motion, occupied: Mask, prepared: SweepPair) -> FlowField:
-        """The network's cells looked up for each occupied cell, divided by the elapsed time."""
+    def _field(self, motion: CellMotion, occupied: Mask, pair: SweepPair) -> FlowField:
+        """Look up the network's cell for each occupied cell and divide by the elapsed time."""
         rows, columns = np.divmod(self._index[occupied], self.cells.columns)
         rows, columns = rows // motion.stride, columns // motion.stride
         covariance = np.zeros((*occupied.shape, 2, 2), np.float32)
         velocity = np.zeros((*occupied.shape, 2), np.float32)
-        covariance[occupied] = motion.covariance_m2[rows, columns] / prepared.elapsed_s**2
-        velocity[occupied] = motion.motion_m[rows, columns] / prepared.elapsed_s
+        covariance[occupied] = motion.covariance_m2[rows, columns] / pair.elapsed_s**2
+        velocity[occupied] = motion.motion_m[rows, columns] / pair.elapsed_s
         variance = covariance[..., 0, 0] + covariance[..., 1, 1]
         return FlowField(
             grid=self.grid,
@@ -138,7 +151,7 @@ class PillarFlow:
             occupied=occupied,
             valid=occupied & (variance < 2.0 * self.config.max_sigma_mps**2),
             weight=occupied.astype(np.float32),
-            stamp_ns=prepared.current.stamp_ns,
+            stamp_ns=pair.current.stamp_ns,
         )
 
 
@@ -146,20 +159,3 @@ class BinaryOgmFlow(PillarFlow):
     """The one-channel network on binary occupancy (section IV-C)."""
 
     Config = BinaryOgmConfig
-
-
-def _engine(weights: Weights, config: PillarFlowConfig) -> Engine:
-    import torch
-
-    from mottrack.flow.pillarflow.inference.cuda import CudaEngine
-    from mottrack.flow.pillarflow.inference.engine import CpuEngine, has_bf16_units
-    from mottrack.flow.pillarflow.threads import use_threads
-
-    available = torch.cuda.is_available()
-    if config.device == "cuda" and not available:
-        raise ConfigError("flow.device is cuda, expected cpu or auto: torch finds no GPU")
-    use_threads(config.threads)
-    if available and config.device != "cpu":
-        return CudaEngine(weights)
-    half = config.precision == "bf16" or (config.precision == "auto" and has_bf16_units())
-    return CpuEngine(weights, half=half)

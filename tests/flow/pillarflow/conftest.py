@@ -1,4 +1,4 @@
-"""A tiny world of boxes: enough to see a network learn, in milliseconds."""
+"""Synthetic examples of moving boxes: enough for a network to learn, in milliseconds."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mottrack.flow.pillarflow.threads import use_threads
-from mottrack.flow.pillarflow.training.example import Example
+from mottrack.flow.pillarflow.engine import use_threads
+from mottrack.flow.pillarflow.training.examples import Example
 
 SIDE = 200
 
@@ -23,7 +23,7 @@ def _box_points(rng: np.random.Generator, centre: np.ndarray, size: np.ndarray) 
 
 
 def _box_example(seed: int, boxes: int = 40, speed_mps: float = 12.0) -> Example:
-    """Boxes of which every second one drives, seen at 10 Hz; visibility not known."""
+    """Boxes of which every second one moves, seen at 10 Hz; visibility not known."""
     rng = np.random.default_rng(seed)
     centre = rng.uniform(-45, 45, (boxes, 2)).astype(np.float32)
     size = rng.uniform(1.5, 4.5, (boxes, 2))
@@ -46,7 +46,7 @@ def _box_example(seed: int, boxes: int = 40, speed_mps: float = 12.0) -> Example
 
 @pytest.fixture
 def box_example() -> Callable[..., Example]:
-    """Makes examples of the world of boxes from a seed."""
+    """Return a function that makes an example from a seed."""
     return _box_example
 
 

@@ -1,4 +1,4 @@
-"""The calibrated covariance holds the errors that it should, at rest and in motion."""
+"""The calibrated covariance covers its share of the errors, at rest and in motion."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import numpy as np
 import torch
 
 from mottrack.flow.pillarflow.calibration import (
+    INSIDE_1_SIGMA,
     INSIDE_2_SIGMA,
     Calibration,
     Residuals,
+    coverage,
     fit_calibration,
-    inside,
 )
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.network import PillarFlowNet
@@ -31,17 +32,18 @@ def _cells(seed: int, count: int = 6000) -> Residuals:
     return Residuals(*(a.astype(np.float32) for a in (error_m, motion_m, head_m2)))
 
 
-def test_the_shares_inside_are_right_for_resting_and_for_moving_cells() -> None:
+def test_coverage_is_right_for_resting_and_for_moving_cells() -> None:
     fitted, others = fit_calibration(_cells(0)), _cells(1)
     moving = np.hypot(*others.motion_m.T) > 0
     for chosen in (moving, ~moving):
-        one, two = inside(others.select(chosen).mahalanobis2(fitted))
-        assert abs(one - 0.393) < 0.05 and abs(two - INSIDE_2_SIGMA) < 0.03
-    plain = inside(others.select(moving).mahalanobis2(Calibration(TRUE.scale)))
+        one, two = coverage(others.select(chosen).mahalanobis2(fitted))
+        assert abs(one - INSIDE_1_SIGMA) < 0.05
+        assert abs(two - INSIDE_2_SIGMA) < 0.03
+    plain = coverage(others.select(moving).mahalanobis2(Calibration(TRUE.scale)))
     assert plain[1] < 0.5
 
 
-def test_without_cells_or_without_motion_there_is_still_a_calibration() -> None:
+def test_no_cells_or_no_motion_still_give_a_calibration() -> None:
     nothing = _cells(0).select(np.zeros(0, np.int64))
     assert fit_calibration(nothing) == Calibration()
     resting = _cells(0)
@@ -49,7 +51,7 @@ def test_without_cells_or_without_motion_there_is_still_a_calibration() -> None:
     assert fit_calibration(resting).sigma_m == 0.0
 
 
-def test_the_file_keeps_it(tmp_path: Path) -> None:
+def test_the_weights_file_stores_the_calibration(tmp_path: Path) -> None:
     torch.manual_seed(0)
     network = PillarFlowNet(NetworkConfig(pillar_channels=4, pyramid_channels=(4, 4, 4)))
     save_weights(tmp_path / "a.safetensors", Weights(network, TRUE, True))

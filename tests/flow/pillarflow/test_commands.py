@@ -11,13 +11,13 @@ from typer.testing import CliRunner
 from mottrack.cli import app
 from mottrack.core.errors import ConfigError
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
-from mottrack.studies.training_data import examples_folder
+from mottrack.studies.training_examples import examples_folder
 
 TINY = """
 network: small
 examples: {pairs: 2, validation_pairs: 2, per_shard: 2, workers: 1}
 steps: 2
-batch: 1
+batch_size: 1
 threads: 1
 log_every: 1
 """
@@ -42,7 +42,7 @@ def test_train_makes_examples_trains_and_resumes(tmp_path: Path) -> None:
     assert "inside_2_sigma" in calibrated.output
 
 
-def test_export_says_how_near_onnxruntime_comes(tmp_path: Path) -> None:
+def test_export_reports_the_difference_to_onnxruntime(tmp_path: Path) -> None:
     file = tmp_path / "small.onnx"
     asked = ["export", "small", "--out", str(file)]
     exported = CliRunner().invoke(app, asked, catch_exceptions=False)
@@ -53,7 +53,7 @@ def test_export_says_how_near_onnxruntime_comes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("override", ["network_name=base", "steps=0", "steps=1,2"])
-def test_a_wrong_setting_is_named(tmp_path: Path, override: str) -> None:
+def test_an_unusable_setting_is_named(tmp_path: Path, override: str) -> None:
     config = tmp_path / "tiny.yaml"
     config.write_text(TINY)
     key = override.partition("=")[0]
@@ -63,8 +63,8 @@ def test_a_wrong_setting_is_named(tmp_path: Path, override: str) -> None:
         )
 
 
-def test_other_examples_are_kept_apart(tmp_path: Path) -> None:
+def test_each_set_of_examples_has_a_folder_of_its_own(tmp_path: Path) -> None:
     one, two = ExamplesConfig(seed=1), ExamplesConfig(seed=2)
     assert examples_folder(one, tmp_path) != examples_folder(two, tmp_path)
-    quicker = ExamplesConfig(seed=1, workers=7)
-    assert examples_folder(one, tmp_path) == examples_folder(quicker, tmp_path)
+    parallel = ExamplesConfig(seed=1, workers=7)
+    assert examples_folder(one, tmp_path) == examples_folder(parallel, tmp_path)

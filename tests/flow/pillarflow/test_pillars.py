@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from mottrack.flow.pillarflow.descriptors import CellGrid, describe
-from mottrack.flow.pillarflow.inference.fold import folded_linear
-from mottrack.flow.pillarflow.inference.pillars import binary_image, pillar_image
-from mottrack.flow.pillarflow.pillar_net import BinaryEncoder, PillarEncoder, Points
+from mottrack.flow.pillarflow.engine import fold_linear
+from mottrack.flow.pillarflow.network import BinaryEncoder, PillarEncoder, PointBatch
+from mottrack.flow.pillarflow.pillars import CellGrid, binary_image, describe, pillar_image
 
 GRID = CellGrid(-8.0, -4.0, 0.5, 16, 32)
 
@@ -19,13 +18,19 @@ def _points(count: int = 3000) -> np.ndarray:
     return xyzr.astype(np.float32)
 
 
+def _batch(points: np.ndarray) -> PointBatch:
+    described = describe(points, GRID)
+    tensors = (torch.from_numpy(one) for one in (described.descriptors, described.cells))
+    return PointBatch(*tensors, 1, GRID.rows, GRID.columns)
+
+
 def _encoder(channels: int = 24) -> PillarEncoder:
     """An encoder whose normalisation has statistics worth folding."""
     torch.manual_seed(1)
     encoder = PillarEncoder(channels)
-    described, _, _ = describe(_points(), GRID)
+    described = torch.from_numpy(describe(_points(), GRID).descriptors)
     for _ in range(3):
-        encoder.norm(encoder.linear(torch.from_numpy(described)))
+        encoder.norm(encoder.linear(described))
     torch.nn.init.uniform_(encoder.norm.weight, 0.5, 1.5)
     torch.nn.init.uniform_(encoder.norm.bias, -0.5, 0.5)
     return encoder.eval()
@@ -48,7 +53,7 @@ def _padded(points: np.ndarray, encoder: PillarEncoder) -> np.ndarray:
         whole = np.concatenate((point[:2] * 0.02, [point[2] * 0.5, point[3]], offsets))
         padded[:, p, slots[p]], filled[p, slots[p]] = whole, True
         slots[p] += 1
-    weight, bias = (part.double().numpy() for part in folded_linear(encoder))
+    weight, bias = (part.double().numpy() for part in fold_linear(encoder))
     embedded = np.einsum("cd,dpn->cpn", weight, padded) + bias[:, None, None]
     compressed = np.where(filled, np.maximum(embedded, 0.0), 0.0).max(axis=2)
     image = np.zeros((GRID.rows, GRID.columns, len(bias)))
@@ -59,28 +64,24 @@ def _padded(points: np.ndarray, encoder: PillarEncoder) -> np.ndarray:
 def test_dynamic_pillars_equal_the_padded_form() -> None:
     points, encoder = _points(), _encoder()
     expected = _padded(points, encoder)
-    weight, bias = (part.numpy() for part in folded_linear(encoder))
+    weight, bias = (part.numpy() for part in fold_linear(encoder))
     fused = pillar_image(points, GRID, weight, bias)
-    described, cells, _ = describe(points, GRID)
-    batch = Points(torch.from_numpy(described), torch.from_numpy(cells), (1, 16, 32))
     with torch.no_grad():
-        twin = encoder(batch)[0].permute(1, 2, 0).numpy()
+        trained = encoder(_batch(points))[0].permute(1, 2, 0).numpy()
     scale = np.abs(expected).max()
     assert np.abs(fused - expected).max() < 1e-6 * scale
-    assert np.abs(twin - expected).max() < 1e-6 * scale
+    assert np.abs(trained - expected).max() < 1e-6 * scale
     assert (expected > 0).any()
 
 
 def test_binary_image_is_the_occupancy() -> None:
     points = _points(50)
-    described, cells, _ = describe(points, GRID)
-    batch = Points(torch.from_numpy(described), torch.from_numpy(cells), (1, 16, 32))
-    expected = np.zeros(16 * 32)
-    expected[cells] = 1.0
+    expected = np.zeros(GRID.cells)
+    expected[describe(points, GRID).cells] = 1.0
     assert np.array_equal(binary_image(points, GRID).ravel(), expected)
-    assert np.array_equal(BinaryEncoder()(batch).numpy().ravel(), expected)
+    assert np.array_equal(BinaryEncoder()(_batch(points)).numpy().ravel(), expected)
 
 
 def test_no_point_gives_an_empty_image() -> None:
-    weight, bias = (part.numpy() for part in folded_linear(_encoder()))
+    weight, bias = (part.numpy() for part in fold_linear(_encoder()))
     assert not pillar_image(np.zeros((0, 4), np.float32), GRID, weight, bias).any()

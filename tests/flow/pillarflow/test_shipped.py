@@ -7,25 +7,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mottrack.flow.pillarflow.reach import check_reach
-from mottrack.flow.pillarflow.shipped import SHIPPED
-from mottrack.flow.pillarflow.source import BinaryOgmFlow, PillarFlow, PillarFlowConfig
-from mottrack.flow.pillarflow.weights_file import load_weights
-from mottrack.studies.world_pairs import world_pair
+from mottrack.flow.pillarflow.source import (
+    SHIPPED,
+    BinaryOgmFlow,
+    PillarFlow,
+    PillarFlowConfig,
+)
+from mottrack.studies.training_examples import world_pair
 
 FILES = sorted(SHIPPED.glob("*.safetensors"))
 
 
-def test_the_promised_ones_are_there() -> None:
+def test_the_documented_names_are_shipped() -> None:
     assert {"base", "small", "binary_ogm"} <= {file.stem for file in FILES}
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_small_enough_documented_and_within_reach(file: Path) -> None:
+def test_they_are_small_and_documented(file: Path) -> None:
     assert file.stat().st_size < 5_000_000
     card = file.with_suffix(".md").read_text()
     assert all(word in card for word in ("mottrack train", "seed", "hours", "RMSE"))
-    check_reach(load_weights(file).network.config, speed_mps=35.0, elapsed_s=0.1)
 
 
 @pytest.mark.parametrize("make", [PillarFlow, BinaryOgmFlow])

@@ -18,19 +18,18 @@ from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.descriptors import CellGrid, describe
+from mottrack.flow.pillarflow.decoders import DECODERS, PRESETS
+from mottrack.flow.pillarflow.engine import CpuEngine
 from mottrack.flow.pillarflow.export import export_onnx
-from mottrack.flow.pillarflow.inference.engine import CpuEngine
-from mottrack.flow.pillarflow.network import PillarFlowNet, SweepPair
-from mottrack.flow.pillarflow.pillar_net import Points
-from mottrack.flow.pillarflow.presets import PRESETS
+from mottrack.flow.pillarflow.network import NetworkInput, PillarFlowNet, PointBatch
+from mottrack.flow.pillarflow.pillars import CellGrid, describe
 from mottrack.flow.pillarflow.source import (
     BinaryOgmConfig,
     BinaryOgmFlow,
     PillarFlow,
     PillarFlowConfig,
 )
-from mottrack.flow.pillarflow.training.labels import labels_from_tracks
+from mottrack.flow.pillarflow.training.examples import labels_from_tracks
 from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights
 
 GRID = BevGrid(-16.0, 16.0, -12.0, 12.0, 0.25)
@@ -92,18 +91,18 @@ def test_raw_is_what_estimate_returns_unrefined(file: Path) -> None:
     assert np.array_equal(field.velocity_mps, raw.velocity_mps)
 
 
-def test_the_work_on_the_earlier_sweep_is_reused_to_the_last_bit(file: Path) -> None:
+def test_features_of_the_earlier_sweep_are_reused_to_the_bit(file: Path) -> None:
     drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(3)]
-    going, fresh = _source(file), _source(file)
-    going.estimate(drive[0], drive[1])
-    image = going.stages.work_on(drive[1]).image
-    one, two = going.estimate(drive[1], drive[2]), fresh.estimate(drive[1], drive[2])
-    assert going.stages.work_on(drive[1]).image is image
+    continued, fresh = _source(file), _source(file)
+    continued.estimate(drive[0], drive[1])
+    image = continued.stages.features_of(drive[1]).image
+    one, two = continued.estimate(drive[1], drive[2]), fresh.estimate(drive[1], drive[2])
+    assert continued.stages.features_of(drive[1]).image is image
     assert np.array_equal(one.velocity_mps, two.velocity_mps)
     assert np.array_equal(one.covariance_m2ps2, two.covariance_m2ps2)
     assert np.array_equal(one.valid, two.valid)
-    going.reset()
-    assert going.stages.work_on(drive[1]).image is not image
+    continued.reset()
+    assert continued.stages.features_of(drive[1]).image is not image
 
 
 def test_half_the_time_is_twice_the_velocity(file: Path) -> None:
@@ -122,17 +121,20 @@ def test_folded_inference_equals_the_trained_network() -> None:
     ]
     seen = rng.uniform(0, 1, (4, 64, 64)).astype(np.float32)
     motion = CpuEngine(weights).run(sweeps[1], sweeps[0], seen, cells)
-    described = [describe(points, cells)[:2] for points in sweeps]
-    points = [Points(torch.from_numpy(d), torch.from_numpy(c), (1, 64, 64)) for d, c in described]
+    described = [describe(points, cells) for points in sweeps]
+    points = [
+        PointBatch(torch.from_numpy(one.descriptors), torch.from_numpy(one.cells), 1, 64, 64)
+        for one in described
+    ]
     with torch.no_grad():
-        estimate = weights.network(SweepPair(*points, torch.from_numpy(seen)[None]))
+        estimate = weights.network(NetworkInput(*points, torch.from_numpy(seen)[None]))
     wanted = estimate.motions[-1][0].permute(1, 2, 0).numpy()
     assert np.abs(wanted).max() > 0.05
     assert np.allclose(motion.motion_m, wanted, atol=1e-5)
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_next_to_nothing_gives_a_defined_field(file: Path, count: int) -> None:
+def test_a_nearly_empty_sweep_gives_a_defined_field(file: Path, count: int) -> None:
     source, some = _source(file), _sweep(100_000_000, 1)
     little = replace(_sweep(0), xyz_m=some.xyz_m[:count], reflectance=some.reflectance[:count])
     field = source.estimate(little, some)
@@ -145,13 +147,14 @@ def test_next_to_nothing_gives_a_defined_field(file: Path, count: int) -> None:
     assert np.isfinite(both.velocity_mps).all()
 
 
-def test_order_gap_and_nan(file: Path) -> None:
+def test_wrong_order_a_gap_and_nan(file: Path) -> None:
     source, sweep = _source(file), _sweep(5)
     for stamp_ns in (5, 4):
         with pytest.raises(InputError, match="stamp_ns"):
             source.estimate(sweep, _sweep(stamp_ns, 1))
     gap = source.estimate(sweep, _sweep(3_000_000_005, 1))
-    assert gap.occupied.any() and not gap.valid.any()
+    assert gap.occupied.any()
+    assert not gap.valid.any()
     with pytest.raises(InputError, match="xyz_m"):
         replace(sweep, xyz_m=np.full_like(sweep.xyz_m, np.nan))
 
@@ -188,7 +191,7 @@ def test_binary_network_runs_behind_the_same_interface(tmp_path: Path) -> None:
     assert field.occupied.any()
 
 
-@pytest.mark.parametrize("backbone", ["pwc", "spynet", "flownet"])
+@pytest.mark.parametrize("backbone", DECODERS)
 def test_export_agrees_with_onnxruntime(tmp_path: Path, backbone: str) -> None:
     pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")

@@ -1,9 +1,9 @@
-"""The trainer learns, resumes to the identical curve, and its data keep what they promise."""
+"""The trainer learns and resumes to the identical curve; examples, crops and shards are sound."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,21 +11,23 @@ import pytest
 import torch
 
 from mottrack.core.errors import DataError
-from mottrack.flow.pillarflow.descriptors import CellGrid
-from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scaled_objects
-from mottrack.flow.pillarflow.training.batches import Sampler
-from mottrack.flow.pillarflow.training.config import TrainConfig
-from mottrack.flow.pillarflow.training.crop import CropConfig, cut, turn
-from mottrack.flow.pillarflow.training.example import EXAMPLE_GRID, Example
+from mottrack.flow.pillarflow.pillars import CellGrid
+from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scale_objects
+from mottrack.flow.pillarflow.training.batches import (
+    NO_ROTATION,
+    CropConfig,
+    Sampler,
+    cut,
+    random_rotation,
+)
+from mottrack.flow.pillarflow.training.config import ScheduleConfig, TrainConfig
+from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
-from mottrack.flow.pillarflow.training.parallel import Place
-from mottrack.flow.pillarflow.training.run import finish
-from mottrack.flow.pillarflow.training.schedule import ScheduleConfig, rate
 from mottrack.flow.pillarflow.training.shards import Shards, write_shard
-from mottrack.flow.pillarflow.training.trainer import Trainer
+from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish
 from mottrack.flow.pillarflow.weights_file import load_weights
 
-HERE = Place(0, 1, torch.device("cpu"))
+ALONE = RankInfo(0, 1, torch.device("cpu"))
 Boxes = Callable[..., Example]
 
 
@@ -33,7 +35,7 @@ def _config(steps: int) -> TrainConfig:
     return TrainConfig(
         network="small",
         steps=steps,
-        batch=2,
+        batch_size=2,
         log_every=1,
         validate_every=1000,
         save_every=3,
@@ -44,7 +46,7 @@ def _config(steps: int) -> TrainConfig:
 
 def test_resuming_gives_the_identical_loss_curve(tmp_path: Path, box_example: Boxes) -> None:
     examples = [box_example(seed) for seed in range(4)]
-    whole = Trainer(_config(6), HERE, _made(tmp_path / "whole"))
+    whole = Trainer(_config(6), ALONE, _made(tmp_path / "whole"))
     whole.fit(examples, examples[:1], lambda _: None)
 
     class StoppedError(Exception):
@@ -56,8 +58,8 @@ def test_resuming_gives_the_identical_loss_curve(tmp_path: Path, box_example: Bo
 
     halves = _made(tmp_path / "halves")
     with pytest.raises(StoppedError):
-        Trainer(_config(6), HERE, halves).fit(examples, examples[:1], stop)
-    again = Trainer(_config(6), HERE, halves)
+        Trainer(_config(6), ALONE, halves).fit(examples, examples[:1], stop)
+    again = Trainer(_config(6), ALONE, halves)
     assert again.progress.step == 3
     again.fit(examples, examples[:1], lambda _: None)
     assert again.progress.history == whole.progress.history
@@ -65,11 +67,11 @@ def test_resuming_gives_the_identical_loss_curve(tmp_path: Path, box_example: Bo
 
 def test_loss_falls_and_weights_can_be_read_back(tmp_path: Path, box_example: Boxes) -> None:
     examples = [box_example(seed) for seed in range(4)]
-    trainer = Trainer(_config(20), HERE, _made(tmp_path / "run"))
+    trainer = Trainer(_config(20), ALONE, _made(tmp_path / "run"))
     progress = trainer.fit(examples, examples[:2], lambda _: None)
     losses = [point["loss"] for point in progress.history if "loss" in point]
     assert np.mean(losses[-5:]) < np.mean(losses[:5])
-    finish(trainer, progress, examples[:2], tmp_path / "run")
+    finish(trainer, examples[:2])
     weights = load_weights(tmp_path / "run" / "weights.safetensors")
     assert weights.network.config == trainer.network.config
     assert (tmp_path / "run" / "curve.png").stat().st_size > 0
@@ -77,23 +79,23 @@ def test_loss_falls_and_weights_can_be_read_back(tmp_path: Path, box_example: Bo
 
 def test_a_torn_checkpoint_is_named(tmp_path: Path, box_example: Boxes) -> None:
     out = _made(tmp_path / "run")
-    trainer = Trainer(_config(1), HERE, out)
+    trainer = Trainer(_config(1), ALONE, out)
     trainer.fit([box_example(0)], [box_example(0)], lambda _: None)
     file = out / "checkpoint.safetensors"
     file.write_bytes(file.read_bytes()[:5000])
     with pytest.raises(DataError, match=r"checkpoint\.safetensors"):
-        Trainer(_config(2), HERE, out)
+        Trainer(_config(2), ALONE, out)
 
 
-def test_shards_give_back_the_examples(tmp_path: Path, box_example: Boxes) -> None:
+def test_shards_return_the_examples(tmp_path: Path, box_example: Boxes) -> None:
     examples = [box_example(seed, boxes=5 + seed) for seed in range(3)]
     write_shard(tmp_path / "a.safetensors", examples[:2])
     write_shard(tmp_path / "b.safetensors", examples[2:])
     shards = Shards(tmp_path)
     assert len(shards) == 3
-    for mine, theirs in zip(shards, examples, strict=True):
+    for read, written in zip(shards, examples, strict=True):
         for field in fields(Example):
-            wanted, got = getattr(theirs, field.name), getattr(mine, field.name)
+            wanted, got = getattr(written, field.name), getattr(read, field.name)
             assert np.abs(np.asarray(wanted, float) - np.asarray(got, float)).max() < 2.1e-3
     with pytest.raises(DataError, match="absent"):
         Shards(_made(tmp_path / "none"))
@@ -102,50 +104,38 @@ def test_shards_give_back_the_examples(tmp_path: Path, box_example: Boxes) -> No
 def test_scaling_keeps_the_motion_rigid(box_example: Boxes) -> None:
     """Matching points of a scaled box still differ by the motion that the label says."""
     example = box_example(0)
-    same = Example(
-        previous=np.column_stack(
-            (example.current[:, :2] - example.motion_m, example.current[:, 2:])
-        ),
-        **{f.name: getattr(example, f.name) for f in fields(Example) if f.name != "previous"},
-    )
-    scaled = scaled_objects(same, 0.3, np.random.default_rng(0))
+    xy_m = example.current[:, :2] - example.motion_m
+    same = replace(example, previous=np.column_stack((xy_m, example.current[:, 2:])))
+    scaled = scale_objects(same, 0.3, np.random.default_rng(0))
     away = scaled.current[:, :2] - scaled.previous[:, :2] - scaled.motion_m
     assert np.abs(away).max() < 1e-5
     assert np.abs(scaled.current - same.current).max() > 0.1
 
 
-def test_a_turned_crop_turns_the_motion_with_the_points(box_example: Boxes) -> None:
+def test_a_rotated_crop_rotates_the_motion_with_the_points(box_example: Boxes) -> None:
     example, crop = box_example(0), CropConfig()
     cells = CellGrid(-64.0, -64.0, 0.5, 256, 256)
-    turned = turn(np.random.default_rng(5))
-    one = cut(example, cells, np.eye(2, dtype=np.float32), crop)
-    two = cut(example, cells, turned, crop)
+    rotation = random_rotation(np.random.default_rng(5))
+    one = cut(example, cells, NO_ROTATION, crop)
+    two = cut(example, cells, rotation, crop)
     speeds = [np.sort(np.linalg.norm(c.motion_m, axis=0).ravel())[-40:] for c in (one, two)]
     assert np.allclose(speeds[0][-1], speeds[1][-1], atol=1e-4)
-    place = example.current[np.argmax(np.linalg.norm(example.motion_m, axis=1))]
-    xy = turned @ place[:2]
+    point = example.current[np.argmax(np.linalg.norm(example.motion_m, axis=1))]
+    xy = rotation @ point[:2]
     row, column = int((xy[1] + 64) // 0.5), int((xy[0] + 64) // 0.5)
     fastest = example.motion_m[np.argmax(np.linalg.norm(example.motion_m, axis=1))]
-    assert np.allclose(two.motion_m[:, row, column], turned @ fastest, atol=0.3)
+    assert np.allclose(two.motion_m[:, row, column], rotation @ fastest, atol=0.3)
 
 
 def test_objects_that_cannot_be_matched_are_masked(box_example: Boxes) -> None:
     example = box_example(0)
-    lost = example.previous_object != 1
-    blind = Example(
-        previous=example.previous[lost],
-        previous_object=example.previous_object[lost],
-        **{
-            f.name: getattr(example, f.name)
-            for f in fields(Example)
-            if f.name not in ("previous", "previous_object")
-        },
-    )
+    kept = example.previous_object != 1
+    unmatched = example.select(kept, np.ones(len(example.current), bool))
     grid = EXAMPLE_GRID
     cells = CellGrid(grid.x_min_m, grid.y_min_m, grid.cell_m, 200, 200)
-    crop = cut(blind, cells, np.eye(2, dtype=np.float32), CropConfig())
-    place = example.current[example.current_object == 1][0]
-    row, column = int((place[1] + 50) // 0.5), int((place[0] + 50) // 0.5)
+    crop = cut(unmatched, cells, NO_ROTATION, CropConfig())
+    point = example.current[example.current_object == 1][0]
+    row, column = int((point[1] + 50) // 0.5), int((point[0] + 50) // 0.5)
     assert crop.mask[0, row, column] == 0.0
     assert crop.mask.sum() > 100
 
@@ -168,12 +158,13 @@ def test_buckets_weigh_each_speed_alike() -> None:
 
 def test_schedules() -> None:
     flat = ScheduleConfig(kind="trapezoid", warm_up_steps=10, decay_share=0.5)
-    assert rate(flat, 0, 100) == pytest.approx(0.1)
-    assert rate(flat, 40, 100) == 1.0
-    assert rate(flat, 75, 100) == pytest.approx(0.5)
+    assert flat.factor(0, 100) == pytest.approx(0.1)
+    assert flat.factor(40, 100) == 1.0
+    assert flat.factor(75, 100) == pytest.approx(0.5)
     paper = ScheduleConfig(kind="exponential", warm_up_steps=0)
-    assert rate(paper, 35, 100) == pytest.approx(0.9**3)
-    assert rate(ScheduleConfig(kind="cosine", warm_up_steps=0), 100, 100) == pytest.approx(0.0)
+    assert paper.factor(35, 100) == pytest.approx(0.9**3)
+    cosine = ScheduleConfig(kind="cosine", warm_up_steps=0)
+    assert cosine.factor(100, 100) == pytest.approx(0.0)
 
 
 def _made(directory: Path) -> Path:

@@ -1,1 +1,1 @@
-"""How PillarFlow learns: examples, augmentation, targets, loss, trainer (III-C, IV-B)."""
+"""Training of PillarFlow: examples, augmentation, loss, trainer (sections III-C and IV-B)."""

@@ -1,4 +1,8 @@
-"""Augmentation: rotation, flips, box scaling (paper, section IV-B) and faults of sensors."""
+"""Augmentation: box scaling (paper, section IV-B) and errors of sensors.
+
+The rotations and flips of IV-B are drawn in `crop`, which turns the visibility rasters with the
+points.
+"""
 
 from __future__ import annotations
 
@@ -10,96 +14,86 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F32
-from mottrack.flow.pillarflow.training.example import Example
+from mottrack.flow.pillarflow.training.examples import Example
 
 
 class AugmentationConfig(StrictModel):
-    """How far training examples are changed."""
+    """Changes made to training examples."""
 
-    rotate: bool = Field(True, description="turn the world about the vehicle, flip it")
+    rotate: bool = Field(True, description="rotate the world about the vehicle, flip it")
     box_scale: float = Field(0.15, ge=0, lt=1, description="objects grow or shrink by up to this")
-    thin_share: float = Field(0.2, ge=0, le=1, description="share of examples that lose points")
-    thin_keep: float = Field(0.3, gt=0, le=1, description="least part of the points kept then")
+    thinned_share: float = Field(0.2, ge=0, le=1, description="share of examples that lose points")
+    min_kept_share: float = Field(0.3, gt=0, le=1, description="smallest share of points kept then")
     pose_noise_m: float = Field(0.015, ge=0, description="standard deviation of residual odometry")
     pose_noise_rad: float = Field(0.0006, ge=0, description="the same of the heading")
     height_noise_m: float = Field(0.05, ge=0, description="offset of the ground, of both sweeps")
-    blind_share: float = Field(0.1, ge=0, le=1, description="share without visibility")
-    dark_share: float = Field(0.3, ge=0, le=1, description="share without reflectance")
+    no_visibility_share: float = Field(
+        0.1, ge=0, le=1, description="share of examples without visibility"
+    )
+    no_reflectance_share: float = Field(
+        0.3, ge=0, le=1, description="share of examples without reflectance"
+    )
     gamma: float = Field(0.7, ge=0, description="reflectance ** exp(u), |u| up to this")
 
 
-def augmented(example: Example, config: AugmentationConfig, rng: Generator) -> Example:
-    """Everything but the turning, which `crop` does with the raster."""
-    example = scaled_objects(example, config.box_scale, rng)
-    if rng.random() < config.thin_share:
-        example = thinned(example, rng.uniform(config.thin_keep, 1.0), rng)
+def augment(example: Example, config: AugmentationConfig, rng: Generator) -> Example:
+    """Apply all changes but the rotation."""
+    example = scale_objects(example, config.box_scale, rng)
+    if rng.random() < config.thinned_share:
+        kept = rng.uniform(config.min_kept_share, 1.0)
+        then, now = (rng.random(len(p)) < kept for p in (example.previous, example.current))
+        example = example.select(then, now)
     height_m = np.float32(rng.normal(0.0, config.height_noise_m))
-    current = _raised(example.current, height_m)
-    previous = _raised(_nudged(example.previous, config, rng), height_m)
-    _relight(current, previous, config, rng)
+    current, previous = example.current.copy(), example.previous.copy()
+    _perturb_pose(previous, config, rng)
+    for points in (current, previous):
+        points[:, 2] += height_m
+    _change_reflectance(current, previous, config, rng)
     return replace(example, current=current, previous=previous)
 
 
-def scaled_objects(example: Example, amount: float, rng: Generator) -> Example:
+def scale_objects(example: Example, amount: float, rng: Generator) -> Example:
     """Scale each object about its own centre in both sweeps, its rigid motion kept exact.
 
-    With c the way of the centre and s the scale, the motion m of a point becomes c + s (m - c).
+    With c the displacement of the centre and s the scale, the displacement m of a point becomes
+    c + s (m - c).
     """
     count = len(example.centre_m)
     if not count or not amount:
         return example
     scale = rng.uniform(1.0 - amount, 1.0 + amount, count).astype(np.float32)
-    previous, current, motion = (
-        a.copy() for a in (example.previous, example.current, example.motion_m)
-    )
-    on_then, on_now = example.previous_object >= 0, example.current_object >= 0
-    rows_then, rows_now = example.previous_object[on_then], example.current_object[on_now]
-    for points, on, rows, side in (
-        (previous, on_then, rows_then, 0),
-        (current, on_now, rows_now, 1),
+    previous, current = example.previous.copy(), example.current.copy()
+    for points, rows, sweep in (
+        (previous, example.previous_object, 0),
+        (current, example.current_object, 1),
     ):
-        pivot = example.centre_m[rows, side]
-        points[on, :2] = pivot + scale[rows, None] * (points[on, :2] - pivot)
-        points[on, 2] *= scale[rows]
-    way = example.centre_m[rows_now, 1] - example.centre_m[rows_now, 0]
-    motion[on_now] = way + scale[rows_now, None] * (motion[on_now] - way)
+        on = rows >= 0
+        pivot, factor = example.centre_m[rows[on], sweep], scale[rows[on]]
+        points[on, :2] = pivot + factor[:, None] * (points[on, :2] - pivot)
+        points[on, 2] *= factor
+    motion = example.motion_m.copy()
+    on = example.current_object >= 0
+    rows = example.current_object[on]
+    of_centre = example.centre_m[rows, 1] - example.centre_m[rows, 0]
+    motion[on] = of_centre + scale[rows, None] * (motion[on] - of_centre)
     return replace(example, previous=previous, current=current, motion_m=motion)
 
 
-def thinned(example: Example, keep: float, rng: Generator) -> Example:
-    """Drop points of both sweeps at random."""
-    then = rng.random(len(example.previous)) < keep
-    now = rng.random(len(example.current)) < keep
-    return replace(
-        example,
-        previous=example.previous[then],
-        previous_object=example.previous_object[then],
-        current=example.current[now],
-        current_object=example.current_object[now],
-        motion_m=example.motion_m[now],
-    )
-
-
-def _raised(points: F32, height_m: np.float32) -> F32:
-    points = points.copy()
-    points[:, 2] += height_m
-    return points
-
-
-def _nudged(points: F32, config: AugmentationConfig, rng: Generator) -> F32:
-    """A small error of the odometry between the sweeps."""
-    points = points.copy()
+def _perturb_pose(points: F32, config: AugmentationConfig, rng: Generator) -> None:
+    """Apply a small error of the odometry between the sweeps to points (N,4), in place."""
     angle = rng.normal(0.0, config.pose_noise_rad)
-    turned = points[:, :2] @ np.array([[1.0, angle], [-angle, 1.0]], np.float32)
-    points[:, :2] = turned + rng.normal(0.0, config.pose_noise_m, 2).astype(np.float32)
-    return points
+    # cos and sin to first order: the angle is a few milliradians at most
+    rotated = points[:, :2] @ np.array([[1.0, angle], [-angle, 1.0]], np.float32)
+    points[:, :2] = rotated + rng.normal(0.0, config.pose_noise_m, 2).astype(np.float32)
 
 
-def _relight(current: F32, previous: F32, config: AugmentationConfig, rng: Generator) -> None:
-    """Another sensor's reflectance curve, or none at all (the arrays are the caller's own)."""
+def _change_reflectance(
+    current: F32, previous: F32, config: AugmentationConfig, rng: Generator
+) -> None:
+    """Apply another sensor's reflectance curve, or none at all, in place."""
     power = np.exp(rng.uniform(-config.gamma, config.gamma))
     for points in (current, previous):
         points[:, 3] = points[:, 3] ** power
-    if rng.random() < config.dark_share:
+    if rng.random() < config.no_reflectance_share:
         current[:, 3] = 0.0
         previous[:, 3] = 0.0

@@ -1,20 +1,20 @@
-"""Everything that decides how a network is trained."""
+"""Configuration of a training run."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig
-from mottrack.flow.pillarflow.training.crop import CropConfig
+from mottrack.flow.pillarflow.training.batches import CropConfig
 from mottrack.flow.pillarflow.training.losses import LossConfig
-from mottrack.flow.pillarflow.training.schedule import ScheduleConfig
 
 
 class ExamplesConfig(StrictModel):
-    """Where the examples come from; they are made ahead, once, and kept as shards."""
+    """Source of the examples; they are made once, before training, and kept as shards."""
 
     dataset: dict[str, Any] | None = Field(
         None, description="a recorded data set with tracks (kind and settings); null: the world"
@@ -27,9 +27,33 @@ class ExamplesConfig(StrictModel):
     pairs: int = Field(6000, ge=1, description="number of examples")
     validation_seed: int = Field(900_001, ge=0, description="seed of the held-out pairs")
     validation_pairs: int = Field(50, ge=1, description="number of held-out examples")
-    ground: bool = Field(True, description="remove the ground (off: the ablation of Table II)")
+    remove_ground: bool = Field(
+        True, description="remove the ground's points (false: the ablation of Table II)"
+    )
     per_shard: int = Field(50, ge=1, description="examples in a shard")
     workers: int = Field(2, ge=1, description="processes that make shards")
+
+
+class ScheduleConfig(StrictModel):
+    """Learning rate from the first to the last step."""
+
+    kind: Literal["cosine", "trapezoid", "exponential"] = Field(
+        "trapezoid",
+        description="trapezoid: flat, then linear to zero; exponential: the paper's 0.9 a tenth",
+    )
+    warm_up_steps: int = Field(50, ge=0, description="linear rise from zero")
+    decay_share: float = Field(0.3, gt=0, le=1, description="falling part of a trapezoid")
+
+    def factor(self, step: int, steps: int) -> float:
+        """Return the share of the full learning rate at `step` of `steps`."""
+        if step < self.warm_up_steps:
+            return (step + 1) / self.warm_up_steps
+        progress = min(step / max(steps, 1), 1.0)
+        if self.kind == "exponential":
+            return float(0.9 ** math.floor(10 * progress))
+        if self.kind == "cosine":
+            return 0.5 * (1.0 + math.cos(math.pi * progress))
+        return min(1.0, (1.0 - progress) / self.decay_share)
 
 
 class TrainConfig(StrictModel):
@@ -43,13 +67,13 @@ class TrainConfig(StrictModel):
     optimiser: Literal["adamw", "adam"] = Field("adamw", description="adam is the paper's")
     learning_rate: float = Field(3e-3, gt=0, description="largest learning rate")
     weight_decay: float = Field(1e-4, ge=0, description="decoupled (adamw) or not (adam)")
-    clip: float = Field(1.0, gt=0, description="largest norm of the gradient")
+    max_gradient_norm: float = Field(1.0, gt=0, description="a longer gradient is shortened to it")
     schedule: ScheduleConfig = Field(default_factory=ScheduleConfig)
     steps: int = Field(10_000, ge=1, description="length of the run; may grow on resume")
-    batch: int = Field(8, ge=1, description="crops a step and process")
-    ema: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights")
+    batch_size: int = Field(8, ge=1, description="crops of a step and process")
+    ema_decay: float = Field(0.998, ge=0, lt=1, description="decay of the averaged weights")
     seed: int = Field(0, ge=0, description="of the weights and the stream of crops")
-    precision: Literal["fp32", "bf16", "fp16"] = Field("fp32", description="of the convolutions")
+    precision: Literal["fp32", "bf16"] = Field("fp32", description="of the convolutions")
     threads: int = Field(0, ge=0, description="CPU threads; 0: torch's choice")
     loader_threads: int = Field(1, ge=1, description="threads that make batches ahead")
     log_every: int = Field(25, ge=1, description="steps to a point of the loss curve")

@@ -7,55 +7,78 @@ means over occupied cells in buckets of speed in place of the sum over all cells
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 import torch
 from pydantic import Field
+from torch.nn import functional
 
 from mottrack.config import StrictModel
 from mottrack.flow.pillarflow.network import Estimate
-from mottrack.flow.pillarflow.training.targets import pooled_target
 
 PAPER_ALPHAS = (0.32, 0.08, 0.02, 0.01, 0.005)
+"""Weights of the levels, coarse to fine, as published for PWC-Net."""
+DEGREES_OF_FREEDOM = 3.0
+"""Of the likelihood's Student t: the fewest whole ones with which a covariance exists."""
 
 
 class LossConfig(StrictModel):
     """Which loss, and its weights."""
 
-    kind: Literal["balanced", "paper"] = Field("balanced", description="see the module")
+    kind: Literal["balanced", "paper"] = Field(
+        "balanced", description="balanced: means over buckets of speed; paper: sum over all cells"
+    )
     level_decay: float = Field(0.5, gt=0, le=1, description="weight of a level / next finer one")
     speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0, 8.0), description="edges of the buckets")
     static_weight: float = Field(1.5, gt=0, description="weight of the slowest bucket")
     empty_weight: float = Field(
         0.1,
         ge=0,
-        description="pull of empty cells to rest; left alone they grow without bound"
-        " and take over the statistics of the batch normalisation",
+        description="weight of the displacements of empty cells; without it they grow without"
+        " bound and dominate the statistics of the batch normalisation",
     )
     nll_weight: float = Field(0.1, ge=0, description="weight of the uncertainty head's loss")
 
 
+@dataclass(frozen=True)
 class Target:
     """Truth of a batch on the pillars' grid."""
 
-    def __init__(self, motion_m: torch.Tensor, mask: torch.Tensor, elapsed_s: torch.Tensor) -> None:
-        """`motion_m` (B,2,H,W), `mask` (B,1,H,W) 1 where it counts, `elapsed_s` (B,)."""
-        self.motion_m, self.mask, self.elapsed_s = motion_m, mask, elapsed_s
+    motion_m: torch.Tensor
+    """(B,2,H,W) displacement."""
+    mask: torch.Tensor
+    """(B,1,H,W) 1 where it counts."""
+    elapsed_s: torch.Tensor
+    """(B,)"""
 
     def to(self, device: torch.device) -> Target:
         """Copy to a device."""
         parts = (self.motion_m, self.mask, self.elapsed_s)
         return Target(*(part.to(device, non_blocking=True) for part in parts))
 
+    def pooled(self, stride: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Average over the counted cells in blocks of `stride`.
+
+        Returns the displacement (B,2,H/stride,W/stride) and the mask (B,1,..) of the blocks that
+        hold at least one counted cell.
+        """
+        if stride == 1:
+            return self.motion_m, self.mask > 0
+        share = functional.avg_pool2d(self.mask, stride)
+        total = functional.avg_pool2d(self.motion_m * self.mask, stride)
+        # the floor is far below the share of one cell in any block: it only avoids 0 / 0
+        return total / share.clamp(min=1e-6), share > 0
+
 
 def multi_scale_loss(estimate: Estimate, target: Target, config: LossConfig) -> torch.Tensor:
-    """Loss of all levels, plus the negative log likelihood of the finest one."""
+    """Return the loss of all levels plus the negative log-likelihood of the finest one."""
     count = len(estimate.motions)
     total = estimate.motions[0].new_zeros(())
     for index, motion in enumerate(estimate.motions):
         stride = target.motion_m.shape[-1] // motion.shape[-1]
-        truth, mask = pooled_target(target.motion_m, target.mask, stride)
+        truth, mask = target.pooled(stride)
         if config.kind == "paper":
             alpha = PAPER_ALPHAS[min(index, len(PAPER_ALPHAS) - 1)]
             total = total + alpha * _norm(motion - truth).sum() / motion.shape[0]
@@ -71,7 +94,7 @@ def multi_scale_loss(estimate: Estimate, target: Target, config: LossConfig) -> 
 def bucket_mean(
     error: torch.Tensor, speed: torch.Tensor, mask: torch.Tensor, config: LossConfig
 ) -> torch.Tensor:
-    """Sum over the buckets of speed of the mean `error` (B,H,W) of their cells."""
+    """Sum the mean `error` (B,H,W) of the cells of each bucket of `speed` [m/s]."""
     edges = (-1.0, *config.speed_edges_mps, float("inf"))
     total = error.new_zeros(())
     for index, (low, high) in enumerate(pairwise(edges)):
@@ -82,34 +105,37 @@ def bucket_mean(
 
 
 def empty_mean(motion: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-    """Mean length of the motion (B,2,H,W) of the cells outside of the mask (B,H,W)."""
+    """Return the mean length of the displacements (B,2,H,W) outside of the mask (B,H,W)."""
     empty = (~mask).to(motion.dtype)
     return (_norm(motion) * empty).sum() / empty.sum().clamp(min=1.0)
 
 
 def whitened(estimate: Estimate, truth: torch.Tensor) -> torch.Tensor:
-    """L^-1 (f_gt - f) of the finest level, (B,2,H,W); the motion is not trained through it."""
+    """Return L^-1 (f_gt - f) of the finest level (B,2,H,W); no gradient flows to the motion."""
     error = truth - estimate.motions[-1].detach()
-    first, cross, second = (estimate.factor[:, i : i + 1] for i in range(3))
-    along = error[:, :1] * torch.exp(-first)
-    across = (error[:, 1:] - cross * along) * torch.exp(-second)
-    return torch.cat((along, across), dim=1)
+    xx, yx, yy = (estimate.factor[:, i : i + 1] for i in range(3))
+    x = error[:, :1] * torch.exp(-xx)
+    y = (error[:, 1:] - yx * x) * torch.exp(-yy)
+    return torch.cat((x, y), dim=1)
 
 
 def negative_log_likelihood(
     estimate: Estimate, truth: torch.Tensor, mask: torch.Tensor
 ) -> torch.Tensor:
-    """-log p of a two-dimensional Student t with 3 degrees of freedom, mean over the mask.
+    """Return -log p of a two-dimensional Student t, up to a constant, as a mean over the mask.
 
     Errors of flow have heavy tails (a wrong match is metres off); the t keeps them from widening
     the bulk. `calibration` turns its scale into a covariance.
     """
     square = whitened(estimate, truth).square().sum(dim=1)
     scale = estimate.factor[:, 0] + estimate.factor[:, 2]
-    value = scale + 2.5 * torch.log1p(square / 3.0)
+    # log |L| + (nu + d) / 2 log(1 + r^2 / nu), d = 2
+    exponent = (DEGREES_OF_FREEDOM + 2.0) / 2.0
+    value = scale + exponent * torch.log1p(square / DEGREES_OF_FREEDOM)
     weight = mask.to(value.dtype)
     return (value * weight).sum() / weight.sum().clamp(min=1.0)
 
 
 def _norm(vector: torch.Tensor) -> torch.Tensor:
+    # the summand keeps the gradient finite at zero; it is (0.1 mm)^2
     return (vector.square().sum(dim=1) + 1e-8).sqrt()

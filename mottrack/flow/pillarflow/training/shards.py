@@ -17,10 +17,12 @@ from safetensors.numpy import save_file
 
 from mottrack.core.arrays import F32, I16
 from mottrack.core.errors import DataError
-from mottrack.flow.pillarflow.training.example import Example
+from mottrack.flow.pillarflow.training.examples import Example
 
 STEP_M = 0.002
+"""Resolution of a stored position: a tenth of a LiDAR's noise, and int16 reaches 65 m."""
 _RAGGED = ("previous", "current", "previous_object", "current_object", "motion_m", "centre_m")
+"""Fields whose length differs from one example to the next; each has its offsets beside it."""
 
 
 def _packed(points: F32) -> I16:
@@ -50,10 +52,14 @@ def write_shard(file: Path, examples: list[Example]) -> None:
 
 
 class Shards(Sequence[Example]):
-    """All shards of a directory as one sequence of examples."""
+    """Examples of all shards of a directory."""
 
     def __init__(self, directory: Path) -> None:
-        """Open the shards in order of name; raises DataError where there is none or one is torn."""
+        """Open the shards in order of name.
+
+        Raises:
+            DataError: there is none, or one is torn.
+        """
         files = sorted(directory.glob("*.safetensors"))
         if not files:
             raise DataError(directory, "shards", "absent", "*.safetensors files of examples")
@@ -97,7 +103,7 @@ def _part(shard: dict[str, Any], name: str, row: int) -> NDArray[Any]:
 
 
 def _opened(file: Path) -> dict[str, Any]:
-    """Small columns in memory, the large ones as slices of the mapped file."""
+    """Open a shard: small columns in memory, the large ones as slices of the mapped file."""
     try:
         handle: Any = safe_open(file, framework="np")
         names = set(handle.keys())

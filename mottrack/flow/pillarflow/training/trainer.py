@@ -1,59 +1,90 @@
-"""The training loop."""
+"""Training on one process or on those of `torchrun`: the loop, and a whole run around it."""
 
 from __future__ import annotations
 
+import json
+import os
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from torch import nn
+from torch import distributed, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from mottrack.flow.pillarflow.descriptors import CellGrid
+from mottrack.flow.pillarflow.calibration import fit_calibration
+from mottrack.flow.pillarflow.decoders import preset
+from mottrack.flow.pillarflow.engine import use_threads
 from mottrack.flow.pillarflow.layers import channels_last
 from mottrack.flow.pillarflow.network import PillarFlowNet
-from mottrack.flow.pillarflow.presets import preset
-from mottrack.flow.pillarflow.threads import use_threads
-from mottrack.flow.pillarflow.training.average import WeightAverage
 from mottrack.flow.pillarflow.training.batches import Batch, Sampler, stream
-from mottrack.flow.pillarflow.training.checkpoint import (
-    Progress,
-    load_checkpoint,
-    save_checkpoint,
-)
+from mottrack.flow.pillarflow.training.checkpoint import Progress, TrainingState, WeightAverage
 from mottrack.flow.pillarflow.training.config import TrainConfig
-from mottrack.flow.pillarflow.training.example import EXAMPLE_GRID, Example
+from mottrack.flow.pillarflow.training.examples import Example
 from mottrack.flow.pillarflow.training.losses import multi_scale_loss
-from mottrack.flow.pillarflow.training.parallel import Place
-from mottrack.flow.pillarflow.training.schedule import rate
-from mottrack.flow.pillarflow.training.validation import CellErrors, cell_errors
+from mottrack.flow.pillarflow.training.validation import CellErrors, Scores, cell_errors
+from mottrack.flow.pillarflow.weights_file import Weights, save_weights
 
-PRECISION = {"fp32": None, "bf16": torch.bfloat16, "fp16": torch.float16}
 Report = Callable[[Progress], None]
 
 
-class Trainer:
-    """One run: `fit` takes it from where it stands to `config.steps`."""
+@dataclass(frozen=True)
+class RankInfo:
+    """This process among those of the run."""
 
-    def __init__(self, config: TrainConfig, place: Place, out: Path) -> None:
+    rank: int
+    """The process of rank 0 writes the files."""
+    world_size: int
+    """Number of processes."""
+    device: torch.device
+    """Device of its network."""
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this process writes the files."""
+        return self.rank == 0
+
+    @classmethod
+    def join(cls) -> RankInfo:
+        """Join the process group that `torchrun` describes in the environment, if it does."""
+        rank, world_size = int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1))
+        cuda = torch.cuda.is_available()
+        device = torch.device("cpu")
+        if cuda:
+            device = torch.device("cuda", int(os.environ.get("LOCAL_RANK", 0)))
+            torch.cuda.set_device(device)
+        if world_size > 1 and not distributed.is_initialized():
+            distributed.init_process_group("nccl" if cuda else "gloo")
+        return cls(rank, world_size, device)
+
+    def leave(self) -> None:
+        """Close the process group."""
+        if self.world_size > 1 and distributed.is_initialized():
+            distributed.destroy_process_group()
+
+
+class Trainer:
+    """One run: `fit` takes it from its last checkpoint to `config.steps`."""
+
+    def __init__(self, config: TrainConfig, rank: RankInfo, out: Path) -> None:
         """Build the network from the seed; resume if `out` holds a checkpoint."""
-        self.config, self.place, self.file = config, place, out / "checkpoint.safetensors"
+        self.config, self.rank, self.out = config, rank, out
         use_threads(config.threads)
         torch.manual_seed(config.seed)
-        network = PillarFlowNet(preset(config.network)).to(place.device)
-        self.network = channels_last(network)
-        self.average = WeightAverage(self.network, config.ema)
+        self.network = channels_last(PillarFlowNet(preset(config.network)).to(rank.device))
+        self.average = WeightAverage(self.network, config.ema_decay)
         self.optimiser = _optimiser(config, self.network)
-        self.scaler = torch.amp.GradScaler(place.device.type, enabled=config.precision == "fp16")
-        self.progress = Progress(0, 0.0, [])
-        if self.file.exists():
-            self.progress = load_checkpoint(self.file, self.network, self.average, self.optimiser)
+        self.progress = Progress()
+        self._state = TrainingState(self.network, self.average, self.optimiser, self.progress)
+        self._file = out / "checkpoint.safetensors"
+        if self._file.exists():
+            self._state.load(self._file)
 
     def fit(
         self, examples: Sequence[Example], held_out: Sequence[Example], report: Report
     ) -> Progress:
-        """Train to the last step, validating and saving on the way."""
+        """Train to the last step; validate, save and report on the way."""
         config = self.config
         sampler = Sampler(
             examples, self.network.config.cell_m, config.crop, config.augmentation, config.seed
@@ -63,73 +94,66 @@ class Trainer:
         batches = stream(
             sampler,
             steps,
-            config.batch,
-            first=self.place.rank * config.batch,
+            config.batch_size,
+            first=self.rank.rank * config.batch_size,
             workers=config.loader_threads,
         )
         losses: list[float] = []
         started, before = time.monotonic(), self.progress.seconds
         for step, batch in zip(steps, batches, strict=True):
-            losses.append(self._step(model, batch.to(self.place.device), step))
+            losses.append(self._step(model, batch.to(self.rank.device), step))
             self.progress.step = step + 1
             self.progress.seconds = before + time.monotonic() - started
             self._milestones(losses, held_out, report)
         return self.progress
 
     def validate(self, held_out: Sequence[Example]) -> CellErrors:
-        """Errors of the averaged weights."""
-        network = self.averaged()
-        side = round(2 * EXAMPLE_GRID.x_max_m / network.config.cell_m)
-        side = -(-side // network.config.multiple) * network.config.multiple
-        corner = EXAMPLE_GRID.x_min_m
-        cells = CellGrid(corner, corner, network.config.cell_m, side, side)
-        return cell_errors(network, held_out, cells, self.config.crop)
+        """Return the errors of the averaged weights."""
+        return cell_errors(self.averaged(), held_out, self.config.crop)
 
     def averaged(self) -> PillarFlowNet:
-        """A network with the averaged weights."""
-        network = PillarFlowNet(self.network.config).to(self.place.device)
+        """Return a network with the averaged weights."""
+        network = PillarFlowNet(self.network.config).to(self.rank.device)
         network.load_state_dict(self.average.state)
         return channels_last(network)
 
     def save(self) -> None:
         """Write the checkpoint (first process only)."""
-        if self.place.first:
-            save_checkpoint(self.file, self.network, self.average, self.optimiser, self.progress)
+        if self.rank.is_first:
+            self._state.save(self._file)
 
     def _replicated(self) -> nn.Module:
-        if self.place.size == 1:
+        if self.rank.world_size == 1:
             return self.network
-        devices = [self.place.device.index] if self.place.device.type == "cuda" else None
+        device = self.rank.device
+        devices = [device.index] if device.type == "cuda" else None
         replicated: nn.Module = DistributedDataParallel(self.network, device_ids=devices)
         return replicated
 
     def _step(self, model: nn.Module, batch: Batch, step: int) -> float:
         config = self.config
         for group in self.optimiser.param_groups:
-            group["lr"] = config.learning_rate * rate(config.schedule, step, config.steps)
-        kind = PRECISION[config.precision]
-        with torch.autocast(self.place.device.type, dtype=kind, enabled=kind is not None):
+            group["lr"] = config.learning_rate * config.schedule.factor(step, config.steps)
+        half = config.precision == "bf16"
+        with torch.autocast(self.rank.device.type, torch.bfloat16, enabled=half):
             estimate = model(batch.pair)
         loss = multi_scale_loss(estimate, batch.target, config.loss)
         self.optimiser.zero_grad(set_to_none=True)
-        self.scaler.scale(loss).backward()  # type: ignore[no-untyped-call]
-        self.scaler.unscale_(self.optimiser)
-        nn.utils.clip_grad_norm_(self.network.parameters(), config.clip)
-        self.scaler.step(self.optimiser)
-        self.scaler.update()
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.network.parameters(), config.max_gradient_norm)
+        self.optimiser.step()
         self.average.update(self.network, step)
         return float(loss.detach())
 
     def _milestones(self, losses: list[float], held_out: Sequence[Example], report: Report) -> None:
-        step, config = self.progress.step, self.config
+        step, config, history = self.progress.step, self.config, self.progress.history
         last = step == config.steps
         if step % config.log_every == 0 or last:
-            point = {"step": float(step), "loss": sum(losses) / max(len(losses), 1)}
-            self.progress.history.append(point)
+            history.append({"step": float(step), "loss": sum(losses) / max(len(losses), 1)})
             losses.clear()
-        if self.place.first and step % config.validate_every == 0 and not last:
+        if self.rank.is_first and step % config.validate_every == 0 and not last:
             scores = self.validate(held_out).scores()
-            self.progress.history.append({"step": float(step), **scores.as_dict()})
+            history.append({"step": float(step), **asdict(scores)})
         if step % config.save_every == 0 or last:
             self.save()
         report(self.progress)
@@ -143,3 +167,56 @@ def _optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer
         weight_decay=config.weight_decay,
         fused=True,
     )
+
+
+def run(
+    config: TrainConfig,
+    out: Path,
+    examples: Sequence[Example],
+    held_out: Sequence[Example],
+    report: Report,
+) -> Scores | None:
+    """Train from the checkpoint in `out`, if any; the first process returns the scores."""
+    rank = RankInfo.join()
+    if rank.is_first:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "config.json").write_text(config.model_dump_json(indent=1) + "\n")
+    trainer = Trainer(config, rank, out)
+    trainer.fit(examples, held_out, report)
+    scores = finish(trainer, held_out) if rank.is_first else None
+    rank.leave()
+    return scores
+
+
+def finish(trainer: Trainer, held_out: Sequence[Example]) -> Scores:
+    """Calibrate on the first half of the held-out examples, score on the second, write all."""
+    half = len(held_out) // 2
+    fitted = fit_calibration(trainer.validate(held_out[:half] if half else held_out).residuals)
+    scores = trainer.validate(held_out[half:]).scores(fitted)
+    weights = Weights(trainer.averaged().eval(), fitted, trainer.config.examples.remove_ground)
+    save_weights(trainer.out / "weights.safetensors", weights)
+    progress = trainer.progress
+    progress.history.append({"step": float(progress.step), **asdict(scores)})
+    trainer.save()
+    summary = {"step": progress.step, "seconds": progress.seconds, **asdict(scores)}
+    (trainer.out / "scores.json").write_text(json.dumps(summary, indent=1) + "\n")
+    _write_curve(progress.history, trainer.out)
+    return scores
+
+
+def _write_curve(history: list[dict[str, float]], out: Path) -> None:
+    """Write `curve.json` with every point and `curve.png` with loss and validation errors."""
+    from matplotlib.figure import Figure
+
+    (out / "curve.json").write_text(json.dumps(history, indent=1) + "\n")
+    figure = Figure(figsize=(8, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    losses = [point for point in history if "loss" in point]
+    left.plot([p["step"] for p in losses], [p["loss"] for p in losses], linewidth=0.8)
+    left.set(xlabel="step", ylabel="training loss", yscale="log")
+    checks = [point for point in history if "dynamic_rmse" in point]
+    for name in ("dynamic_rmse", "dynamic_median", "static_rmse"):
+        right.plot([p["step"] for p in checks], [p[name] for p in checks], ".-", label=name)
+    right.set(xlabel="step", ylabel="held-out error [m/s]", yscale="log")
+    right.legend()
+    figure.savefig(out / "curve.png", dpi=120)

@@ -1,24 +1,27 @@
-"""How good a network is on held-out examples, in metres per second."""
+"""Errors of a network on held-out examples, in metres per second."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from mottrack.core.arrays import F32, Mask
-from mottrack.flow.pillarflow.calibration import Calibration, Residuals, inside
-from mottrack.flow.pillarflow.descriptors import CellGrid
-from mottrack.flow.pillarflow.inference.engine import covariance_of
+from mottrack.flow.pillarflow.calibration import (
+    Calibration,
+    Residuals,
+    covariance_of_factor,
+    coverage,
+)
 from mottrack.flow.pillarflow.network import PillarFlowNet
-from mottrack.flow.pillarflow.training.batches import collate
-from mottrack.flow.pillarflow.training.crop import CropConfig, whole
-from mottrack.flow.pillarflow.training.example import Example
-from mottrack.flow.pillarflow.training.targets import pooled_target
+from mottrack.flow.pillarflow.training.batches import NO_ROTATION, CropConfig, collate, cut
+from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 
 MOVING_MPS = 0.5
+"""A cell is dynamic above this speed: slower than walking, faster than residual odometry makes a
+wall look (1.5 cm in 0.1 s)."""
 
 
 @dataclass(frozen=True)
@@ -40,25 +43,21 @@ class Scores:
     inside_2_sigma: float
     """Share of all cells; 0.865 likewise."""
 
-    def as_dict(self) -> dict[str, float]:
-        """Plain numbers for a file."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class CellErrors:
-    """Per occupied and observable cell of the held-out examples."""
+    """Errors of N occupied and observable cells of the held-out examples."""
 
     error_mps: F32
     """(N,) length of the error."""
     speed_mps: F32
     """(N,) true speed."""
     residuals: Residuals
-    """The same in metres over the interval, with what the network said."""
+    """The same in metres over the interval, with the estimates."""
 
     def scores(self, calibration: Calibration | None = None) -> Scores:
-        """Summarise, with the covariance calibrated."""
-        one, two = inside(self.residuals.mahalanobis2(calibration or Calibration()))
+        """Summarise, the coverage with the covariance calibrated."""
+        one, two = coverage(self.residuals.mahalanobis2(calibration or Calibration()))
         moving = self.speed_mps > MOVING_MPS
         dynamic, static = self.error_mps[moving], self.error_mps[~moving]
         return Scores(
@@ -74,31 +73,27 @@ class CellErrors:
 
 @torch.no_grad()
 def cell_errors(
-    network: PillarFlowNet, examples: Sequence[Example], cells: CellGrid, crop: CropConfig
+    network: PillarFlowNet, examples: Sequence[Example], crop: CropConfig
 ) -> CellErrors:
-    """Run the network over the examples on the grid `cells`."""
+    """Run the network over whole examples; `crop` says which objects are observable."""
     network.eval()
+    cells = network.cells(EXAMPLE_GRID)
     device = next(network.parameters()).device
     rows = []
-    for index in range(len(examples)):
-        batch = collate([whole(examples[index], cells, crop)]).to(device)
+    for example in examples:
+        batch = collate([cut(example, cells, NO_ROTATION, crop)]).to(device)
         estimate = network(batch.pair)
-        stride = cells.rows // estimate.motions[-1].shape[-2]
-        truth, mask = pooled_target(batch.target.motion_m, batch.target.mask, stride)
-        away = (estimate.motions[-1] - truth).norm(dim=1) / batch.target.elapsed_s
-        speed = truth.norm(dim=1) / batch.target.elapsed_s
-        motion = estimate.motions[-1]
-        columns = torch.cat((away[:, None], speed[:, None], motion, truth, estimate.factor), 1)
+        motion, elapsed_s = estimate.motions[-1], batch.target.elapsed_s
+        truth, mask = batch.target.pooled(cells.rows // motion.shape[-2])
+        error = (motion - truth).norm(dim=1) / elapsed_s
+        speed = truth.norm(dim=1) / elapsed_s
+        columns = torch.cat((error[:, None], speed[:, None], motion, truth, estimate.factor), 1)
         rows.append(columns.permute(0, 2, 3, 1)[mask[:, 0]].cpu().numpy())
     network.train()
-    return _gathered(np.concatenate(rows))
-
-
-def _gathered(cells: F32) -> CellErrors:
-    """From rows (N,9): error and speed in m/s, claimed and true motion, the head's factor."""
-    motion_m, truth_m = cells[:, 2:4], cells[:, 4:6]
-    residuals = Residuals(motion_m - truth_m, motion_m, covariance_of(cells[:, 6:]))
-    return CellErrors(cells[:, 0], cells[:, 1], residuals)
+    table = np.concatenate(rows)
+    motion_m, truth_m, factor = table[:, 2:4], table[:, 4:6], table[:, 6:]
+    residuals = Residuals(motion_m - truth_m, motion_m, covariance_of_factor(factor))
+    return CellErrors(table[:, 0], table[:, 1], residuals)
 
 
 def _rms(values: F32) -> float:

@@ -1,9 +1,10 @@
-"""What the noise of a tracker should be: an experiment's data, gathered and judged."""
+"""Estimate the noise of the Kalman tracker from an experiment's data, and test its consistency."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,41 +26,53 @@ from mottrack.trackers.noise_estimation.estimate import (
 from mottrack.trackers.noise_estimation.samples import PairCollector
 
 OnScene = Callable[[str, int, int], None]
-SceneFrames = list[tuple[Objects, Truth]]
 
 
 @dataclass(frozen=True)
 class NoiseStudy:
-    """The noise that an experiment's data ask for, and how honest the filter is with it."""
+    """Estimated noise of a tracker, and how consistent the filter is without and with it."""
 
     classes: dict[str, ClassEstimate]
+    """P0, Q and R of each class."""
     velocity: VelocityEstimate | None
+    """R_d of the flow source; None if it measures no velocities."""
     settings: dict[str, object]
-    """Of the tracker, with the estimated noise: what `tracker: ...` in a config may be."""
+    """Of the tracker, with the estimated noise: a value for `tracker` in a configuration."""
     before: dict[str, Consistency]
-    """NIS and NEES with the noise the experiment had."""
+    """NIS and NEES with the noise of the experiment."""
     after: dict[str, Consistency]
     """NIS and NEES with the estimated noise."""
 
 
-@dataclass
-class _Listener:
-    """Stands in for the tracker and keeps what it is shown."""
+class TruthFrame(NamedTuple):
+    """Input of the tracker at a key frame, with its truth."""
 
-    heard: list[Objects] = field(default_factory=list)
+    objects: Objects
+    truth: Truth
+
+
+@dataclass
+class _InputRecorder:
+    """Takes the tracker's place in the pipeline and keeps its last input."""
+
+    objects: Objects | None = None
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
-        """Keeps the objects; tracks nothing."""
-        self.heard.append(objects)
+        """Keep the objects; return no tracks."""
+        self.objects = objects
         return Tracks.empty(stamp_ns)
 
 
 def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> NoiseStudy:
-    """Estimates R, P0, Q by class and R_d of the flow source, over all scenes of an experiment.
+    """Estimate R, P0, Q by class and R_d of the flow source, over all scenes of an experiment.
+
+    Args:
+        experiment: its tracker is the Kalman tracker.
+        on_scene: is called with (name, done, total) after each scene.
 
     Raises:
         ConfigError: the tracker is not the Kalman tracker.
-        InputError: there is too little truth to learn from.
+        InputError: there is too little truth to estimate from.
     """
     config = experiment.tracker.config
     if not isinstance(config, KalmanConfig):
@@ -67,7 +80,7 @@ def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> 
     dataset, names = experiment.dataset.make(), scene_names(experiment)
     collector, scenes = PairCollector(), []
     for k, name in enumerate(names):
-        frames = list(_frames(experiment, dataset.scene(name)))
+        frames = list(_truth_frames(experiment, dataset.scene(name)))
         for objects, truth in frames:
             collector.add(name, objects, truth)
         scenes.append(frames)
@@ -75,22 +88,21 @@ def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> 
     pairs = collector.pairs()
     classes, velocity = estimate_noise(pairs), estimate_velocity_noise(pairs)
     settings = _settings(classes, velocity, config)
-    estimated = KalmanConfig.model_validate(settings)
-    return NoiseStudy(
-        classes, velocity, settings, _honesty(scenes, config), _honesty(scenes, estimated)
+    before, after = (
+        _consistency(scenes, one) for one in (config, KalmanConfig.model_validate(settings))
     )
+    return NoiseStudy(classes, velocity, settings, before, after)
 
 
-def _frames(experiment: Experiment, scene: Scene) -> Iterator[tuple[Objects, Truth]]:
-    """What the tracker would be shown at each key frame that has truth, and that truth."""
-    listener = _Listener()
-    pipeline = Pipeline(experiment)
-    pipeline.tracker = listener
+def _truth_frames(experiment: Experiment, scene: Scene) -> Iterator[TruthFrame]:
+    """Yield the tracker's input at each key frame that has truth."""
+    pipeline, recorder = Pipeline(experiment), _InputRecorder()
+    pipeline.tracker = recorder
     for index in range(len(scene)):
         frame = scene.frame(index)
         pipeline.step(frame, scene.sweep(index) if pipeline.needs_sweeps else None)
-        if frame.is_key and frame.truth is not None:
-            yield listener.heard[-1], frame.truth
+        if frame.is_key and frame.truth is not None and recorder.objects is not None:
+            yield TruthFrame(recorder.objects, frame.truth)
 
 
 def _settings(
@@ -104,17 +116,18 @@ def _settings(
     return merged(config.model_dump(exclude_unset=True), changes)
 
 
-def _honesty(scenes: list[SceneFrames], config: KalmanConfig) -> dict[str, Consistency]:
+def _consistency(scenes: list[list[TruthFrame]], config: KalmanConfig) -> dict[str, Consistency]:
+    """Run the tracker over all scenes and test NIS and NEES; nothing for noise per frame."""
     if config.time == "frames":
         return {}
-    errors, surprises = [np.empty(0)], [np.empty(0)]
+    errors, innovations = [np.empty(0)], [np.empty(0)]
     for frames in scenes:
         tracker = KalmanTracker(config.model_copy(update={"diagnose": True}))
         for objects, truth in frames:
             tracks = tracker.step(objects.stamp_ns, objects)
-            surprises.append(tracker.nis)
+            innovations.append(tracker.nis)
             errors.append(nees(tracks, truth))
     return {
-        "NIS of the box": consistency(np.concatenate(surprises), 7),
+        "NIS of the box": consistency(np.concatenate(innovations), 7),
         "NEES of x, y, d_x, d_y": consistency(np.concatenate(errors), 4),
     }

@@ -1,0 +1,56 @@
+"""Calibrate the covariance of trained weights on held-out pairs of the embedded world."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mottrack.flow.pillarflow.calibration import Calibration, fit_calibration
+from mottrack.flow.pillarflow.layers import channels_last
+from mottrack.flow.pillarflow.training.batches import CropConfig
+from mottrack.flow.pillarflow.training.examples import ExampleBuilder
+from mottrack.flow.pillarflow.training.validation import Scores, cell_errors
+from mottrack.flow.pillarflow.weights_file import load_weights, save_weights
+from mottrack.studies.training_examples import world_pair
+
+SEED = 930_001
+"""Seed of the pairs: no training and no table uses it."""
+
+
+@dataclass(frozen=True)
+class CalibrationStudy:
+    """A fitted calibration and the scores on the pairs that it was not fitted to."""
+
+    calibration: Calibration
+    before: Scores
+    """With the calibration that the file had."""
+    after: Scores
+    """With the new one."""
+
+
+def calibrate_weights(
+    file: Path, pairs: int, on_pair: Callable[[int, int], None]
+) -> CalibrationStudy:
+    """Fit on every second pair, score on the others, and write the file anew.
+
+    Args:
+        file: the weights.
+        pairs: number of pairs, at least 2 for scores on pairs that were not fitted to.
+        on_pair: is called with (done, total) after each pair.
+
+    Raises:
+        DataError: the file is not usable.
+    """
+    weights = load_weights(file)
+    builder = ExampleBuilder(remove_ground=weights.ground_removed)
+    examples = []
+    for index in range(pairs):
+        examples.append(builder.build(world_pair(SEED, index, {})))
+        on_pair(index + 1, pairs)
+    network = channels_last(weights.network)
+    fitted = fit_calibration(cell_errors(network, examples[::2], CropConfig()).residuals)
+    others = cell_errors(network, examples[1::2] or examples, CropConfig())
+    network.eval()
+    save_weights(file, replace(weights, calibration=fitted))
+    return CalibrationStudy(fitted, others.scores(weights.calibration), others.scores(fitted))

@@ -1,0 +1,203 @@
+"""Make training examples for PillarFlow from the embedded world or a data set with tracks."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from mottrack.core.arrays import F32, I16, I64
+from mottrack.core.errors import ConfigError
+from mottrack.core.interfaces import Scene
+from mottrack.core.processes import end_with_parent
+from mottrack.core.sweep import seconds_between
+from mottrack.experiment.plugins import load_part
+from mottrack.experiment.validation_message import format_validation_error
+from mottrack.flow.pillarflow.training.config import ExamplesConfig
+from mottrack.flow.pillarflow.training.examples import (
+    ExampleBuilder,
+    LabelledPair,
+    Labels,
+    labels_from_tracks,
+)
+from mottrack.flow.pillarflow.training.shards import write_shard
+from mottrack.world import TrainingConfig, TrainingPair, training_pair
+
+SPLITS = ("validation", "training")
+COMPLETE = "complete"
+"""Name of the empty file that says that a folder has all its shards."""
+HELD_OUT_EVERY = 5
+"""Every fifth recorded scene is held out: the usual 80 to 20 split."""
+MAX_FRAMES_BACK = 10
+"""The earlier sweep of a recorded pair is at most so many frames older: a second at 10 Hz."""
+OnShard = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """One shard to be made by a process of its own."""
+
+    config: ExamplesConfig
+    split: str
+    """`training` or `validation`."""
+    first: int
+    """Index of the first example."""
+    count: int
+    """Number of examples."""
+    file: Path
+    """Where the shard goes."""
+
+
+def examples_folder(config: ExamplesConfig, parent: Path) -> Path:
+    """Return a folder under `parent` whose name depends on all that changes the examples."""
+    text = config.model_dump_json(exclude={"workers"})
+    return parent / f"examples-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+
+
+def make_examples(config: ExamplesConfig, folder: Path, on_shard: OnShard) -> None:
+    """Make the missing shards of a folder; an interrupted run is resumed.
+
+    `on_shard` is called with (done, total) at the start and after each shard.
+    """
+    jobs = [job for split in SPLITS for job in _jobs(config, folder, split)]
+    missing = [job for job in jobs if not job.file.exists()]
+    for split in SPLITS:
+        (folder / split).mkdir(parents=True, exist_ok=True)
+    done = len(jobs) - len(missing)
+    on_shard(done, len(jobs))
+    context = get_context("spawn")
+    with ProcessPoolExecutor(config.workers, context, end_with_parent) as pool:
+        for finished in as_completed([pool.submit(_make_shard, job) for job in missing]):
+            finished.result()
+            done += 1
+            on_shard(done, len(jobs))
+    (folder / COMPLETE).touch()
+
+
+def await_examples(folder: Path, poll_s: float = 1.0) -> None:
+    """Wait until another process has made them (the later ranks of `torchrun`)."""
+    while not (folder / COMPLETE).exists():
+        time.sleep(poll_s)
+
+
+def _jobs(config: ExamplesConfig, folder: Path, split: str) -> Iterator[ShardJob]:
+    total = config.pairs if split == "training" else config.validation_pairs
+    for first in range(0, total, config.per_shard):
+        file = folder / split / f"{first:07d}.safetensors"
+        yield ShardJob(config, split, first, min(config.per_shard, total - first), file)
+
+
+def _make_shard(job: ShardJob) -> None:
+    pairs = _world_pairs(job) if job.config.dataset is None else _recorded_pairs(job)
+    builder = ExampleBuilder(remove_ground=job.config.remove_ground)
+    write_shard(job.file, [builder.build(pair) for pair in pairs])
+
+
+def _world_pairs(job: ShardJob) -> Iterator[LabelledPair]:
+    seed = job.config.seed if job.split == "training" else job.config.validation_seed
+    for index in range(job.first, job.first + job.count):
+        yield world_pair(seed, index, job.config.world)
+
+
+def world_pair(seed: int, index: int, settings: dict[str, Any]) -> LabelledPair:
+    """Return pair `index` of a seed of the embedded world.
+
+    Args:
+        seed: seed of the whole stream of pairs.
+        index: of the pair within it.
+        settings: those of `TrainingConfig`; the others have their defaults.
+
+    Raises:
+        ConfigError: a setting is unknown or out of range.
+    """
+    try:
+        config = TrainingConfig.model_validate(settings)
+    except ValidationError as error:
+        raise ConfigError(
+            format_validation_error(error, TrainingConfig, prefix="examples.world")
+        ) from error
+    pair = training_pair(seed, index, config)
+    return LabelledPair(pair.previous, pair.current, _world_labels(pair))
+
+
+def _world_labels(pair: TrainingPair) -> Labels:
+    """Return the labels: objects are numbered from 0, their centres are means of their points."""
+    then, now = pair.previous_truth, pair.current_truth
+    ids = np.unique(now.object_id[now.object_id >= 0])
+    elapsed_s = seconds_between(pair.previous.stamp_ns, pair.current.stamp_ns)
+    current_object = _rows_of(now.object_id, ids)
+    centre_m = _means(pair.current.xyz_m[:, :2], current_object, len(ids))
+    motion_m = _means(now.velocity_mps, current_object, len(ids)) * np.float32(elapsed_s)
+    return Labels(
+        previous_object=_rows_of(then.object_id, ids),
+        current_object=current_object,
+        velocity_mps=now.velocity_mps,
+        centre_m=np.stack((centre_m - motion_m, centre_m), axis=1).astype(np.float32),
+    )
+
+
+def _rows_of(object_id: I64, ids: I64) -> I16:
+    """Return the row of each point's object among the sorted `ids`, -1 where it has none."""
+    if not len(ids):
+        return np.full(len(object_id), -1, np.int16)
+    rows = np.minimum(np.searchsorted(ids, object_id), len(ids) - 1)
+    return np.where(ids[rows] == object_id, rows, -1).astype(np.int16)
+
+
+def _means(values: F32, rows: I16, count: int) -> F32:
+    """Return (count,2) the mean of the values (N,2) of each object's points."""
+    on = rows >= 0
+    points = np.maximum(np.bincount(rows[on], minlength=count), 1)
+    sums = [np.bincount(rows[on], weights=values[on, i], minlength=count) for i in range(2)]
+    return (np.stack(sums, axis=1) / points[:, None]).astype(np.float32)
+
+
+def _recorded_pairs(job: ShardJob) -> Iterator[LabelledPair]:
+    """Draw pairs over all scenes of the split; a single scene is in both splits."""
+    config = job.config
+    dataset = load_part("dataset", config.dataset or {}).make()
+    names = sorted(dataset.scene_names)
+    held_out = names[::HELD_OUT_EVERY] if len(names) > 1 else names
+    wanted = held_out if job.split == "validation" else [n for n in names if n not in held_out]
+    frames = [(name, i) for name in wanted or names for i in _later_frames(dataset.scene(name))]
+    if not frames:
+        raise ConfigError("examples.dataset has no scene with two sweeps and tracks")
+    rng = np.random.default_rng(config.seed)
+    order = rng.permutation(max(len(frames), job.first + job.count)) % len(frames)
+    for row in order[job.first : job.first + job.count]:
+        name, index = frames[int(row)]
+        pair = recorded_pair(dataset.scene(name), index, config.pair_s)
+        if pair is not None:
+            yield pair
+
+
+def _later_frames(scene: Scene) -> range:
+    return range(1, len(scene)) if scene.has_sweeps else range(0)
+
+
+def recorded_pair(scene: Scene, index: int, pair_s: float) -> LabelledPair | None:
+    """Pair a frame's sweep with the earlier one whose age is nearest to `pair_s`.
+
+    Returns None where either frame has no tracks.
+    """
+    now = scene.frame(index)
+    ages = [
+        (abs(seconds_between(scene.frame(other).stamp_ns, now.stamp_ns) - pair_s), other)
+        for other in range(max(0, index - MAX_FRAMES_BACK), index)
+    ]
+    _, partner = min(ages)
+    then = scene.frame(partner)
+    if now.truth is None or then.truth is None:
+        return None
+    previous, current = scene.sweep(partner), scene.sweep(index)
+    return LabelledPair(
+        previous, current, labels_from_tracks(previous, current, then.truth, now.truth)
+    )
