@@ -25,8 +25,7 @@ from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma import filter as phases
 from mottrack.flow.dogma.births import MAX_DRAWS
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig
-from mottrack.flow.dogma.measurement_grid import Masses, SensorConfig, measure
-from mottrack.flow.dogma.returns import Returns, returns_of
+from mottrack.flow.dogma.measurement_grid import Masses, Returns, SensorConfig, measure, returns_of
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers

@@ -6,9 +6,9 @@
 Twenty held-out scenes of the embedded world (each with a sensor and a place of its own),
 PandaSet-002 and KITTI 0000 (`_real_pairs`). A source with state sees every sweep; all are scored on
 the same occupied cells, of five consecutive pairs a scene after the warm-up in the embedded world,
-of every second pair after it in a drive. A cell that a source did not measure counts as zero; a cell is dynamic above 0.5 m/s. `icp` takes the detections of the embedded world
-and the true boxes of the drives. `ms` is the median CPU time of a pair. `--quick`: three scenes,
-every tenth pair.
+of every second pair after it in a drive. A cell that a source did not measure counts as zero; a
+cell is dynamic above 0.5 m/s. `icp` takes the detections of the embedded world and the true boxes
+of the drives. `ms` is the median CPU time of a pair. `--quick`: three scenes, every tenth pair.
 """
 
 from __future__ import annotations

@@ -91,12 +91,11 @@ def component_field(
     known = moving | ((matches.compared > 0) & known)
     owner = _owners(grid, matcher, pair.current.xyz_m, decision.labels)
     # the last row is picked by -1: cells without a component
-    valid = grid.occupancy(pair.current.xyz_m) & np.append(known, False)[owner]
-    moves = np.append(moving, False)[owner] & valid
+    valid, moves = np.append(known, False)[owner], np.append(moving, False)[owner]
     velocity_mps = np.zeros((*grid.shape, 2))
     velocity_mps[moves] = matches.displacements_m(owner[moves], grid.centres_m()[moves])
     velocity_mps /= pair.elapsed_s
-    variance = np.append((matches.sigma_m / pair.elapsed_s) ** 2, 0.0)[owner] * valid
+    variance = np.append((matches.sigma_m / pair.elapsed_s) ** 2, 0.0)[owner]
     return flow_field(grid, pair.current, velocity_mps, valid, variance)
 
 

@@ -72,8 +72,8 @@ class GroundTruthFlow:
         """
         elapsed_seconds(previous, current)
         obstacles, _ = obstacle_points(current, self._ground)
-        occupied = self.grid.occupancy(obstacles.xyz_m)
         if not self._truth or self._truth[-1].stamp_ns != current.stamp_ns:
+            occupied = self.grid.occupancy(obstacles.xyz_m)
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
         truth = self._truth[-1]
         world_mps, known = self._velocities(truth, previous.stamp_ns)
@@ -81,10 +81,9 @@ class GroundTruthFlow:
         object_of = self._cells(truth.transformed(ego_T_world, "ego"), obstacles)
         # the last row is picked by -1: background, static, known
         velocity_mps = np.vstack([world_mps @ rotation_2d(ego_T_world.yaw_rad).T, np.zeros(2)])
-        valid = occupied & np.append(known, True)[object_of]
-        cell_mps = np.where(valid[..., None], velocity_mps[object_of], 0.0)
-        variance = np.where(valid, self.config.sigma_mps**2, 0.0)
-        return flow_field(self.grid, obstacles, cell_mps, valid, variance)
+        valid = np.append(known, True)[object_of]
+        variance = self.config.sigma_mps**2
+        return flow_field(self.grid, obstacles, velocity_mps[object_of], valid, variance)
 
     def _velocities(self, truth: Truth, previous_ns: int) -> tuple[F64, Mask]:
         """Return world velocities (N, 2) since the truth at `previous_ns` or earlier, and a mask.

@@ -223,7 +223,7 @@ class IcpFlow:
         cell_mps[rows[chosen], cols[chosen]] = velocity_mps[box_of[chosen]]
         valid[rows[chosen], cols[chosen]] = True
         # both sweeps sample the surface anew, so the error of a shift is that of two positions
-        variance = np.where(valid, 2 * (self.config.sigma_m / elapsed_s) ** 2, 0.0)
+        variance = 2 * (self.config.sigma_m / elapsed_s) ** 2
         return flow_field(self.grid, obstacles, cell_mps, valid, variance)
 
 

@@ -89,7 +89,6 @@ class Stages:
         (then, then_height_m), (now, now_height_m) = earlier.obstacles, later.obstacles
         previous_T_current = previous.world_T_ego.inverse() @ current.world_T_ego
         then = _moved(then, previous_T_current.inverse())
-        correction = Pose.identity()
         if self.config.alignment.enabled:
             correction = residual_motion(then.xyz_m, now.xyz_m, self.config.alignment)
             then = _moved(then, correction)
@@ -104,7 +103,6 @@ class Stages:
             previous_height_m=then_height_m,
             current_height_m=now_height_m,
             elapsed_s=elapsed_s,
-            correction=correction,
             previous_seen=self._seen(earlier, then, previous_T_current),
             current_seen=self._seen(later, now, Pose.identity()),
         )

@@ -135,15 +135,13 @@ class SweepPair:
     current_features: SweepFeatures
     """Of the current sweep."""
     previous_T_current: Pose
-    """From the current ego frame to the previous sweep's own, the correction included."""
+    """From the current ego frame to the previous sweep's own; corrected if aligned."""
     previous_height_m: F32
     """(N_previous,) height of each obstacle point above the ground."""
     current_height_m: F32
     """(N_current,) height of each obstacle point above the ground."""
     elapsed_s: float
     """Time between the two stamps."""
-    correction: Pose
-    """`aligned_T_compensated`: what alignment added to the odometry; the identity if off."""
     previous_seen: I8 | None
     """(H, W) UNSEEN, FREE or OCCUPIED in the previous sweep; None if the stage is off."""
     current_seen: I8 | None
@@ -151,25 +149,26 @@ class SweepPair:
 
 
 def flow_field(
-    grid: BevGrid, current: Sweep, velocity_mps: F64, valid: Mask, variance_m2ps2: F64
+    grid: BevGrid, obstacles: Sweep, velocity_mps: F64, valid: Mask, variance_m2ps2: F64 | float
 ) -> FlowField:
     """Return a field whose errors have the same variance along every direction.
 
     Args:
         grid: the grid of the field.
-        current: obstacle points of the current sweep, which occupy the cells.
+        obstacles: obstacle points of the current sweep, which occupy the cells.
         velocity_mps: (H, W, 2) velocity of each cell.
-        valid: (H, W) cells that were measured.
-        variance_m2ps2: (H, W) variance of either component, 0 where not valid.
+        valid: (H, W) cells that were measured, if occupied.
+        variance_m2ps2: (H, W) variance of either component, or one for all cells.
     """
-    occupied = grid.occupancy(current.xyz_m)
-    variance = variance_m2ps2.astype(np.float32)
+    occupied = grid.occupancy(obstacles.xyz_m)
+    valid = valid & occupied
+    variance = np.where(valid, variance_m2ps2, 0.0).astype(np.float32)
     return FlowField(
         grid=grid,
-        velocity_mps=velocity_mps.astype(np.float32),
+        velocity_mps=np.where(valid[..., None], velocity_mps, 0.0).astype(np.float32),
         covariance_m2ps2=variance[..., None, None] * np.eye(2, dtype=np.float32),
         occupied=occupied,
         valid=valid,
         weight=occupied.astype(np.float32),
-        stamp_ns=current.stamp_ns,
+        stamp_ns=obstacles.stamp_ns,
     )

@@ -178,45 +178,49 @@ def _terrain(residual_m: F64, outwards: I64, continues_m: float) -> F64:
     known = np.zeros(residual_m.shape, np.bool_)
     accepted = np.zeros(residual_m.shape, np.bool_)
     grown_m = np.zeros(residual_m.shape)
+    held = np.empty((2 * _WINDOW_CELLS + 1) ** 2)
     for k in range(len(outwards)):
         row, col = outwards[k]
-        expected_m = _window_mean(grown_m, known, row, col)
+        expected_m = _mean(held, _window(grown_m, known, row, col, held))
         known[row, col] = True
         accepted[row, col] = abs(residual_m[row, col] - expected_m) < continues_m
         grown_m[row, col] = residual_m[row, col] if accepted[row, col] else expected_m
     terrain_m = np.zeros(residual_m.shape)
-    held = np.empty((2 * _WINDOW_CELLS + 1) ** 2)
     for k in range(len(outwards)):
         row, col = outwards[k]
-        terrain_m[row, col] = _window_median(grown_m, accepted, (row, col), held)
+        terrain_m[row, col] = _median(held, _window(grown_m, accepted, row, col, held))
     return terrain_m
 
 
 @compiled
-def _window_mean(values: F64, usable: Mask, row: int, col: int) -> float:
-    total, count = 0.0, 0
-    for r in range(max(row - _WINDOW_CELLS, 0), min(row + _WINDOW_CELLS + 1, values.shape[0])):
-        for c in range(max(col - _WINDOW_CELLS, 0), min(col + _WINDOW_CELLS + 1, values.shape[1])):
-            if usable[r, c]:
-                total += values[r, c]
-                count += 1
-    return total / count if count else 0.0
-
-
-@compiled
-def _window_median(values: F64, usable: Mask, cell: tuple[int, int], held: F64) -> float:
-    """Return the median around a cell; `held` is scratch for an insertion sort (tiny windows)."""
-    row, col = cell
+def _window(values: F64, usable: Mask, row: int, col: int, held: F64) -> int:
+    """Fill `held` with the usable values around a cell; return how many there are."""
     count = 0
     for r in range(max(row - _WINDOW_CELLS, 0), min(row + _WINDOW_CELLS + 1, values.shape[0])):
         for c in range(max(col - _WINDOW_CELLS, 0), min(col + _WINDOW_CELLS + 1, values.shape[1])):
             if usable[r, c]:
-                k = count
-                while k > 0 and held[k - 1] > values[r, c]:
-                    held[k] = held[k - 1]
-                    k -= 1
-                held[k] = values[r, c]
+                held[count] = values[r, c]
                 count += 1
+    return count
+
+
+@compiled
+def _mean(held: F64, count: int) -> float:
+    total = 0.0
+    for k in range(count):
+        total += held[k]
+    return total / count if count else 0.0
+
+
+@compiled
+def _median(held: F64, count: int) -> float:
+    """Return the median, sorting in place by insertion: windows are tiny."""
+    for k in range(1, count):
+        value, place = held[k], k
+        while place > 0 and held[place - 1] > value:
+            held[place] = held[place - 1]
+            place -= 1
+        held[place] = value
     return held[count // 2] if count else 0.0
 
 

@@ -12,6 +12,7 @@ from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import rotation_2d
+from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma.filter import GridMap
 
 
@@ -44,15 +45,6 @@ class ObstaclePoints(NamedTuple):
     """(M, 2) along the world's axes, from the window's corner."""
 
 
-class View(NamedTuple):
-    """The ego frame of the field."""
-
-    grid: BevGrid
-    yaw_rad: float
-    """Heading of the ego frame in the world."""
-    stamp_ns: int
-
-
 class _Cells(NamedTuple):
     """K cells of the map, in world axes."""
 
@@ -80,7 +72,7 @@ def is_moving(grid_map: GridMap, config: ReadoutConfig) -> Mask:
 
 
 def flow_field(
-    grid_map: GridMap, points: ObstaclePoints, view: View, config: ReadoutConfig
+    grid_map: GridMap, points: ObstaclePoints, grid: BevGrid, sweep: Sweep, config: ReadoutConfig
 ) -> FlowField:
     """Return the field: each cell of the ego grid is the mean of the map cells of its points.
 
@@ -88,7 +80,6 @@ def flow_field(
     lies in a map cell with enough occupied and persistent mass; its covariance is that of the
     mixture of those map cells. Means and covariances are rotated into ego axes.
     """
-    grid = view.grid
     ego_cell, map_cell = _pair_cells(grid_map, points, grid)
     hit, slot = np.unique(ego_cell, return_inverse=True)
     terms = _terms(_read(grid_map, map_cell, config), config)
@@ -97,7 +88,7 @@ def flow_field(
     powers = sums[:, 3:] / np.maximum(measured, 1)[:, None]
     mean = powers[:, :2]
     covariance = powers[:, [2, 3, 3, 4]].reshape(-1, 2, 2) - mean[:, :, None] * mean[:, None]
-    turn = rotation_2d(-view.yaw_rad)
+    turn = rotation_2d(-sweep.world_T_ego.yaw_rad)
     return FlowField(
         grid=grid,
         velocity_mps=_spread(mean @ turn.T, hit, grid),
@@ -105,7 +96,7 @@ def flow_field(
         occupied=grid.occupancy(points.ego_m),
         valid=_spread(measured, hit, grid) > 0,
         weight=_spread(mass / number, hit, grid),
-        stamp_ns=view.stamp_ns,
+        stamp_ns=sweep.stamp_ns,
     )
 
 

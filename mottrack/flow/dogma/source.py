@@ -17,11 +17,10 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import FLOW_ERRORS
-from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, View, flow_field, is_moving
+from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
-from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
+from mottrack.flow.dogma.measurement_grid import OBSTACLE, SensorConfig, measure, returns_of
 from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
-from mottrack.flow.dogma.returns import OBSTACLE, returns_of
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds
@@ -116,8 +115,7 @@ class DogmaFlow:
             ego_m=sweep.xyz_m[obstacle, :2],
             window_m=returns.xy_m[obstacle] + (returns.centre_m - window.corner_m),
         )
-        view = View(self.grid, sweep.world_T_ego.yaw_rad, sweep.stamp_ns)
-        return flow_field(self._map, points, view, self.config.readout)
+        return flow_field(self._map, points, self.grid, sweep, self.config.readout)
 
     def _window(self, sweep: Sweep) -> Window:
         """Return a square around the vehicle, up to the ego grid's farthest side."""

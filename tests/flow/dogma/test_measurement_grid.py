@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mottrack.flow.dogma.measurement_grid import SensorConfig, free_reach_m, measure
-from mottrack.flow.dogma.returns import GROUND, OBSTACLE, OVERHEAD, OWN, Returns
+from mottrack.flow.dogma.measurement_grid import (
+    GROUND,
+    OBSTACLE,
+    OVERHEAD,
+    OWN,
+    Returns,
+    SensorConfig,
+    free_reach_m,
+    measure,
+)
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 
