@@ -105,11 +105,11 @@ def stages(chain: Chain, terrain: Terrain, sweep: Sweep) -> int:
     groups = chain.timed("grouping", group)
     hulls = chain.timed("hulls", lambda: hulls_of_groups(groups.xy_m, groups.start))
     polygons = chain.timed("hulls, shapely", lambda: by_shapely(groups))
-    ours = hulls.polygons()
-    area = sum(shapely.Polygon(polygon).area for polygon in ours)
+    polygons_m = hulls.polygons()
+    area = sum(shapely.Polygon(polygon).area for polygon in polygons_m)
     if not np.isclose(area, shapely.area(polygons).sum(), rtol=1e-2):
         raise SystemExit("hulls differ from shapely's")
-    return len(ours)
+    return len(polygons_m)
 
 
 def main() -> None:

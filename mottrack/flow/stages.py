@@ -23,7 +23,7 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
-from mottrack.flow.registration.refine import RefineConfig, Refiner
+from mottrack.flow.registration.refine import RefineConfig, refine
 from mottrack.flow.sweep_pair import (
     GroundStage,
     RecentFeatures,
@@ -75,7 +75,6 @@ class Stages:
         """`grid` is the grid of the visibility rasters and of the fields given to `after`."""
         self.config = config or StagesConfig()
         self.grid = grid or BevGrid()
-        self._refiner = Refiner(self.config.refine)
         self._recent = RecentFeatures(self.config.ground.reaching(self.grid))
 
     def before(self, previous: Sweep, current: Sweep) -> SweepPair:
@@ -132,7 +131,7 @@ class Stages:
         if self.config.visibility.mask_occluded and pair.previous_seen is not None:
             field = mask_occluded(field, pair.previous_seen, pair.elapsed_s)
         if self.config.refine.enabled:
-            field = self._refiner.refine(field, pair)
+            field = refine(field, pair, self.config.refine)
         return field
 
 

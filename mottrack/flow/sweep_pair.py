@@ -102,7 +102,7 @@ class SweepFeatures:
 class RecentFeatures:
     """Features of the last few sweeps, since a sweep is the later and then the earlier of a pair.
 
-    Sweeps are told apart by identity.
+    Sweeps are distinguished by identity.
     """
 
     def __init__(self, ground: GroundStage) -> None:

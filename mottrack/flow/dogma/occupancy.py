@@ -18,7 +18,7 @@ from mottrack.flow.dogma.workers import Span, Workers
 class OccupancyConfig(StrictModel):
     """How evidence ages and how occupancy appears."""
 
-    remember: float = Field(0.9, gt=0, le=1, description="share of free mass kept over 0.1 s")
+    free_kept: float = Field(0.9, gt=0, le=1, description="share of free mass kept over 0.1 s")
     birth: float = Field(
         0.01, gt=0, le=1, description="p_B: probability that an object appears in a known cell"
     )
@@ -38,7 +38,7 @@ class Rates(NamedTuple):
     @classmethod
     def over(cls, dt_s: float, config: OccupancyConfig) -> Rates:
         """Return the rates over `dt_s`; the kept share decays exponentially."""
-        kept = config.remember ** (dt_s / REFERENCE_PERIOD_S)
+        kept = config.free_kept ** (dt_s / REFERENCE_PERIOD_S)
         return cls(kept, config.birth, config.birth_unseen)
 
 

@@ -53,54 +53,50 @@ class _Outcome:
     refined: Mask
     withdrawn: Mask
     unknown: Mask
-    """Zero motion explains them as well, but they have too few points to tell."""
+    """Zero motion explains them as well, but they have too few points to decide."""
     elapsed_s: float
 
 
-class Refiner:
-    """Verifies and refines fields."""
+def refine(field: FlowField, pair: SweepPair, config: RefineConfig) -> FlowField:
+    """Return the field with each moving component withdrawn, refined or kept."""
+    vx, vy = np.moveaxis(field.velocity_mps, -1, 0)
+    # in 64 bits, so that a threshold is not rounded to the precision of the field
+    moving = np.sqrt(vx * vx + vy * vy).astype(np.float64) > config.moving_mps
+    moving &= field.occupied & field.valid
+    cells, count = moving_cells(
+        field.velocity_mps, moving, config.similar_mps, config.similar_share
+    )
+    if count == 0 or len(pair.previous) == 0 or len(pair.current) == 0:
+        return field
+    matcher = Matcher(pair, config.match)
+    rows, cols, inside = field.grid.cells(matcher.points_m)
+    labels = Labels(np.where(inside, cells[rows, cols], -1), count)
+    start_m = -_medians(field.velocity_mps, cells, count) * pair.elapsed_s
+    starts = Starts(start_m, np.arange(count + 1))
+    matches = matcher.match(labels, starts, min_points=config.min_points)
+    refined, at_rest = _test(matches, start_m, matcher.costs(labels, start_m), config)
+    few = at_rest & (matches.points < config.min_points)
+    outcome = _Outcome(matches, refined, at_rest & ~few, few, pair.elapsed_s)
+    return _applied(field, cells, outcome, config.p_wrongly_withdrawn)
 
-    def __init__(self, config: RefineConfig | None = None) -> None:
-        self.config = config or RefineConfig()
 
-    def refine(self, field: FlowField, pair: SweepPair) -> FlowField:
-        """Return the field with each moving component withdrawn, refined or kept."""
-        config, (vx, vy) = self.config, np.moveaxis(field.velocity_mps, -1, 0)
-        # in 64 bits, so that a threshold is not rounded to the precision of the field
-        moving = np.sqrt(vx * vx + vy * vy).astype(np.float64) > config.moving_mps
-        moving &= field.occupied & field.valid
-        cells, count = moving_cells(
-            field.velocity_mps, moving, config.similar_mps, config.similar_share
-        )
-        if count == 0 or len(pair.previous) == 0 or len(pair.current) == 0:
-            return field
-        matcher = Matcher(pair, config.match)
-        rows, cols, inside = field.grid.cells(matcher.points_m)
-        labels = Labels(np.where(inside, cells[rows, cols], -1), count)
-        start_m = -_medians(field.velocity_mps, cells, count) * pair.elapsed_s
-        starts = Starts(start_m, np.arange(count + 1))
-        matches = matcher.match(labels, starts, min_points=config.min_points)
-        refined, at_rest = self._test(matches, start_m, matcher.costs(labels, start_m))
-        few = at_rest & (matches.points < config.min_points)
-        outcome = _Outcome(matches, refined, at_rest & ~few, few, pair.elapsed_s)
-        return _applied(field, cells, outcome, config.p_wrongly_withdrawn)
+def _test(
+    matches: Matches, start_m: F64, claimed_m: F64, config: RefineConfig
+) -> tuple[Mask, Mask]:
+    """Return (K,) components that take the registration's shift, and those that are at rest.
 
-    def _test(self, matches: Matches, start_m: F64, claimed_m: F64) -> tuple[Mask, Mask]:
-        """Return (K,) components that take the registration's shift, and those that are at rest.
-
-        At rest are those that zero motion explains at least as well as the estimator's own claim
-        does, unless they lie in free space of the previous sweep: nothing at rest can.
-        """
-        config = self.config
-        # the estimator's hypothesis is evidence of its own
-        moving = explains(matches, np.ones_like(matches.cost_m, np.bool_), config.motion_test)
-        moving |= is_evident(matches, config.motion_test)
-        correction_m = np.hypot(*(matches.shift_m - start_m).T)
-        refined = moving & (matches.points >= config.min_points)
-        refined &= correction_m < config.max_correction_m
-        at_rest = ~moving & (matches.zero_motion_cost_m <= claimed_m + config.tie_m)
-        least = np.maximum(config.min_free_points, config.free_share * matches.points)
-        return refined, at_rest & ~(matches.in_free_space >= least)
+    At rest are those that zero motion explains at least as well as the estimator's own claim
+    does, unless they lie in free space of the previous sweep: nothing at rest can.
+    """
+    # the estimator's hypothesis is evidence of its own
+    moving = explains(matches, np.ones_like(matches.cost_m, np.bool_), config.motion_test)
+    moving |= is_evident(matches, config.motion_test)
+    correction_m = np.hypot(*(matches.shift_m - start_m).T)
+    refined = moving & (matches.points >= config.min_points)
+    refined &= correction_m < config.max_correction_m
+    at_rest = ~moving & (matches.zero_motion_cost_m <= claimed_m + config.tie_m)
+    least = np.maximum(config.min_free_points, config.free_share * matches.points)
+    return refined, at_rest & ~(matches.in_free_space >= least)
 
 
 def _medians(velocity_mps: F32, cells: I64, count: int) -> F64:

@@ -1,4 +1,4 @@
-"""The filter's laws, on a flat world with known motion."""
+"""Properties of the filter in a flat world with known motion."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_an_empty_world_stays_empty(flat_world):
     assert grid_map.masses.free.max() > 0.9
 
 
-def test_what_went_away_is_forgotten(flat_world, box):
+def test_occupancy_that_disappears_decays(flat_world, box):
     world = flat_world()
     for _ in range(5):
         world.cycle(0.0, box((8.0, 0.0), 2.0, 2.0))

@@ -1,4 +1,4 @@
-"""Evidence on {occupied, free}: held against Dempster's rule written out over the power set."""
+"""Evidence on {occupied, free}, compared with Dempster's rule over the power set."""
 
 from __future__ import annotations
 

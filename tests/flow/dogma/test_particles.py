@@ -1,4 +1,4 @@
-"""What happens to particles between two cycles: prediction, sorting, birth, moments, resampling."""
+"""Particles between two cycles: prediction, assignment, birth, moments, resampling."""
 
 from __future__ import annotations
 
