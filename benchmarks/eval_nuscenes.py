@@ -28,10 +28,10 @@ OURS = "import sys; from mottrack.cli import main; sys.exit(main())"
 ALONE = """
 import json, sys, time
 from pathlib import Path
-from mottrack.eval.nuscenes.cache import cached_ground_truth
+from mottrack.eval.nuscenes.groundtruth import cached_ground_truth
 from mottrack.eval.nuscenes.submission import read_submission, to_boxes
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.nuscenes.summary import evaluate
+from mottrack.eval.nuscenes.metrics import evaluate
 from mottrack.formats.nuscenes_splits import resolve_split
 root, rules = Path(sys.argv[1]), Rules()
 truth = cached_ground_truth(root, "v1.0-trainval", resolve_split(str(root / "scenes.txt")), rules)

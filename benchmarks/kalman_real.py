@@ -22,12 +22,11 @@ from _common import arguments, report
 
 from mottrack.core.objects import Tracks
 from mottrack.core.pose import Pose
-from mottrack.datasets.kitti.boxes import EgoBoxes, ego_to_camera
-from mottrack.datasets.kitti.calibration import read_calibration
+from mottrack.datasets.kitti.boxes import EgoBoxes, ego_to_camera, image_boxes
 from mottrack.datasets.kitti.dataset import Kitti
-from mottrack.datasets.kitti.image import image_boxes
+from mottrack.datasets.kitti.poses import read_calibration
 from mottrack.eval.kitti.files import Folders, evaluate_folders
-from mottrack.eval.kitti.rules import SPLITS, KittiRules
+from mottrack.eval.kitti.matching import SPLITS, KittiRules
 from mottrack.trackers import KalmanTracker
 
 KINDS = ("Car", "Pedestrian", "Cyclist")

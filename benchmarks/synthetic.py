@@ -18,16 +18,16 @@ from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 from mottrack.world import training_pair
 from mottrack.world.bodies import gather, make_body
 from mottrack.world.catalogue import draw_size
-from mottrack.world.culling import Scan
-from mottrack.world.intersect import hit_box, hit_cylinder, hit_ellipsoid
+from mottrack.world.culling import ScanPattern
+from mottrack.world.intersect import Vector, hit_box, hit_cylinder, hit_ellipsoid
 from mottrack.world.materials import material_table
-from mottrack.world.raycast import World, cast
+from mottrack.world.raycast import SceneGeometry, cast
 from mottrack.world.receiver import Receiver, receive
 from mottrack.world.sensor import SENSORS
 from mottrack.world.solids import Solids
-from mottrack.world.staging import stage
-from mottrack.world.states import resting
-from mottrack.world.terrain import Terrain
+from mottrack.world.states import place_bodies, resting
+from mottrack.world.sweep_maker import scan
+from mottrack.world.terrain import GridFrame, Terrain
 
 
 def best_ms(work: Callable[[], Any], runs: int) -> float:
@@ -41,7 +41,7 @@ def best_ms(work: Callable[[], Any], runs: int) -> float:
 
 
 def objects(count: int, seed: int = 0) -> Solids:
-    """Cars, people and other movers around the sensor, five metres and more away."""
+    """Cars, people and others around the sensor, five metres and more away."""
     rng = np.random.default_rng(seed)
     label = rng.choice(
         np.array(["car", "truck", "pedestrian", "bicycle"]), count, p=[0.6, 0.1, 0.2, 0.1]
@@ -50,20 +50,20 @@ def objects(count: int, seed: int = 0) -> Solids:
     away, angle = rng.uniform(6.0, 70.0, count), rng.uniform(-np.pi, np.pi, count)
     xy = np.column_stack([away * np.cos(angle), away * np.sin(angle)])
     states = resting(xy, rng.uniform(-np.pi, np.pi, count))
-    return stage(gather(bodies), states, np.zeros(count))
+    return place_bodies(gather(bodies), states, np.zeros(count))
 
 
-def scan() -> Scan:
+def scan_pattern() -> ScanPattern:
     """35,000 rays: 32 rings, 1085 columns, a vehicle at 10 m/s."""
     sensor = SENSORS["uniform32"]
-    turn = (np.arange(sensor.columns) + 0.5) / sensor.columns
+    fired = (np.arange(sensor.columns) + 0.5) / sensor.columns
     origin = np.zeros((sensor.columns, 3))
-    origin[:, 0], origin[:, 2] = turn - 1.0, 1.84
-    return Scan(
-        time_s=0.1 * (turn - 1.0),
+    origin[:, 0], origin[:, 2] = fired - 1.0, 1.84
+    return ScanPattern(
+        time_s=0.1 * (fired - 1.0),
         origin_m=origin,
         rotation=np.tile(np.eye(3), (sensor.columns, 1, 1)),
-        azimuth_rad=np.pi - 2.0 * np.pi * turn,
+        azimuth_rad=np.pi - 2.0 * np.pi * fired,
         elevation_rad=sensor.elevation_rad,
         offset_rad=sensor.offset_rad,
         max_range_m=100.0,
@@ -71,19 +71,21 @@ def scan() -> Scan:
 
 
 @njit(cache=True, error_model="numpy")
-def without_culling(scan: Scan, solids: Solids) -> np.ndarray:
+def without_culling(pattern: ScanPattern, solids: Solids) -> np.ndarray:
     """Range of the first solid of every ray, each ray against each solid; no ground."""
-    out = np.full((len(scan.time_s), len(scan.elevation_rad)), np.inf)
+    out = np.full((len(pattern.time_s), len(pattern.elevation_rad)), np.inf)
     for column in range(out.shape[0]):
         for ring in range(out.shape[1]):
-            flat, azimuth = np.cos(scan.elevation_rad[ring]), scan.azimuth_rad[column]
-            ray = (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(scan.elevation_rad[ring]))
+            flat, azimuth = np.cos(pattern.elevation_rad[ring]), pattern.azimuth_rad[column]
+            ray = Vector(
+                flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(pattern.elevation_rad[ring])
+            )
             for p in range(len(solids.kind)):
-                d = scan.origin_m[column] - solids.centre_m[p]
+                d = pattern.origin_m[column] - solids.centre_m[p]
                 c, s = np.cos(solids.yaw_rad[p]), np.sin(solids.yaw_rad[p])
-                origin = (c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
-                course = (c * ray[0] + s * ray[1], c * ray[1] - s * ray[0], ray[2])
-                half = (solids.half_m[p, 0], solids.half_m[p, 1], solids.half_m[p, 2])
+                origin = Vector(c * d[0] + s * d[1], c * d[1] - s * d[0], d[2])
+                course = Vector(c * ray.x + s * ray.y, c * ray.y - s * ray.x, ray.z)
+                half = Vector(solids.half_m[p, 0], solids.half_m[p, 1], solids.half_m[p, 2])
                 cuts = (solids.chamfer_m[p, 0], solids.chamfer_m[p, 1])
                 if solids.kind[p] == 0:
                     near, far, _ = hit_box(origin, course, half, cuts)
@@ -98,39 +100,37 @@ def without_culling(scan: Scan, solids: Solids) -> np.ndarray:
 
 def caster_rows(quick: bool) -> list[dict[str, Any]]:
     grid = np.zeros((600, 600), np.float32)
-    terrain = Terrain(grid, np.full((600, 600), 10, np.int8), (-150.0, -150.0, 2.0), 0.07)
-    turn, materials, rows = scan(), material_table(), []
+    terrain = Terrain(grid, np.full((600, 600), 10, np.int8), GridFrame(-150.0, -150.0, 2.0))
+    pattern, materials, rows = scan_pattern(), material_table(), []
     receiver = Receiver(105.0, 1.5, 0.02, 0.05, 0.15)
     for count in (50, 200) if quick else (25, 50, 100, 200, 400):
         solids = objects(count)
-        world = World(solids, materials, terrain)
-        ours = best_ms(lambda w=world: cast(turn, w, 1), 5 if quick else 30)
-        returns = cast(turn, world, 1)
-        heard = best_ms(
-            lambda r=returns, s=solids: receive(turn, r, (s, materials), receiver, 1), 10
-        )
-        peer = best_ms(lambda s=solids: without_culling(turn, s), 1 if quick else 3)
+        world = SceneGeometry(solids, materials, terrain)
+        culled = best_ms(lambda w=world: cast(pattern, w, 1), 5 if quick else 30)
+        returns = cast(pattern, world, 1)
+        received = best_ms(lambda r=returns, w=world: receive(pattern, r, w, receiver, 1), 10)
+        peer = best_ms(lambda s=solids: without_culling(pattern, s), 1 if quick else 3)
         rows.append(
             {
                 "objects": count,
                 "solids": len(solids.kind),
-                "rays": len(turn.time_s) * 32,
-                "cast ms": ours,
-                "receive ms": heard,
+                "rays": len(pattern.time_s) * 32,
+                "cast ms": culled,
+                "receive ms": received,
                 "no culling ms": peer,
-                "ratio": peer / ours,
+                "ratio": peer / culled,
             }
         )
     return rows
 
 
 def world_rows(quick: bool) -> list[dict[str, Any]]:
-    rows = []
+    rows, noise = [], np.random.SeedSequence(0)
     for place in ("urban", "residential", "motorway"):
         config = SyntheticConfig(scenes=1, seed=2, duration_s=4.0, place=place)
         scene = SyntheticDataset(config).scene("synthetic-s0002-0000")
         build = best_ms(lambda c=config: SyntheticDataset(c).scene("synthetic-s0002-0000").world, 1)
-        sweep = best_ms(lambda s=scene: s._shoot(20), 3 if quick else 15)
+        sweep = best_ms(lambda s=scene: scan(s.world, s.rig, 2.0, noise), 3 if quick else 15)
         rows.append({"what": f"{place} scene", "build ms": build, "sweep ms": sweep})
     pairs = [best_ms(lambda i=i: training_pair(1, i), 2) for i in range(4 if quick else 24)]
     rows.append(

@@ -13,7 +13,7 @@ EXIT_FAULTS = 3
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands of this module."""
+    """Add the commands of this module."""
     app.command("synth")(synth)
     app.command("check")(check)
     app.command("submit")(submit)
@@ -26,7 +26,7 @@ def synth(
     format_name: Annotated[
         str, typer.Option("--format", help="nuscenes, kitti or argoverse2")
     ] = "nuscenes",
-    seed: Annotated[int, typer.Option(min=0, help="everything follows from it")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="seed of everything random")] = 0,
     duration_s: Annotated[
         float, typer.Option("--duration", min=0.2, max=120.0, help="seconds a scene")
     ] = 20.0,
@@ -46,15 +46,14 @@ def check(
     ] = None,
     *,
     format_name: Annotated[
-        str | None, typer.Option("--format", help="kind of data set; by default its layout tells")
+        str | None, typer.Option("--format", help="kind of data set (default: by its layout)")
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="read only every so many-th sweep")] = 1,
     workers: Workers = 0,
 ) -> None:
-    """Walk a data set and report what is missing, damaged or out of order; exit code 3 if any."""
+    """Report what is missing, damaged or out of order in a data set; exit code 3 if any."""
     from mottrack.core.errors import ConfigError
-    from mottrack.datasets.check.report import report_lines
-    from mottrack.datasets.check.walk import Walk, check_dataset, kind_of_folder
+    from mottrack.datasets.check import check_dataset, kind_of_folder
     from mottrack.experiment.overrides import parse_override
     from mottrack.experiment.plugins import load_part
     from mottrack.runs.workers import available_cores
@@ -69,8 +68,8 @@ def check(
             raise ConfigError(f"override '{override}' has several values; a check takes one")
         settings[key.removeprefix("dataset.")] = values[0]
     opened = load_part("dataset", settings).make()
-    result = check_dataset(opened, Walk(every=every, workers=workers or available_cores()))
-    for line in report_lines(result):
+    result = check_dataset(opened, every=every, workers=workers or available_cores())
+    for line in result.lines():
         typer.echo(line)
     if result.findings:
         raise typer.Exit(EXIT_FAULTS)
@@ -81,7 +80,7 @@ def submit(
     *,
     out: Annotated[Path, typer.Option("--out", help="the submission, a JSON file")],
     root: Annotated[
-        Path | None, typer.Option(help="the data set, to make sure that no sample is missing")
+        Path | None, typer.Option(help="the data set, to check that no sample is missing")
     ] = None,
     split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
 ) -> None:

@@ -5,13 +5,13 @@ from typing import Annotated, Literal
 
 import typer
 
-group = typer.Typer(help="Scores of result files by the official rules.", no_args_is_help=True)
+group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the verbs to the application."""
+    """Add the verbs to the application."""
     app.add_typer(group, name="eval")
 
 
@@ -24,25 +24,28 @@ def nuscenes(  # noqa: PLR0913
     split: Annotated[str, typer.Option(help="Official split, or a file of scene names.")] = "val",
     interpolation: Annotated[
         Literal["official", "fixed"],
-        typer.Option(help="Gap filling: the devkit's swapped weights, or the right ones."),
+        typer.Option(help="Gap filling: the devkit's swapped weights, or correct ones."),
     ] = "official",
     strict: Annotated[bool, typer.Option("--strict", help="Warnings are errors.")] = False,
     picture: Annotated[bool, typer.Option(help="Draw the recall curves.")] = True,
-    bootstrap: Annotated[int, typer.Option(min=0, help="Resamples of scenes; 0: none.")] = 0,
+    bootstrap: Annotated[
+        int, typer.Option(min=0, help="Confidence intervals from so many resamples; 0: none.")
+    ] = 0,
     compare: Annotated[
-        Path | None, typer.Option(help="A second submission, compared with the first in pairs.")
+        Path | None, typer.Option(help="A second submission: test its differences to the first.")
     ] = None,
-    anatomy: Annotated[bool, typer.Option("--anatomy", help="Errors by kind.")] = False,
+    error_classes: Annotated[
+        bool, typer.Option("--error-classes", help="Count errors by kind, and what each costs.")
+    ] = False,
     hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
 ) -> None:
-    """The nuScenes tracking metrics (AMOTA, AMOTP, ...), equal to the devkit's."""
+    """Compute the nuScenes tracking metrics (AMOTA, AMOTP, ...), equal to the devkit's."""
     from mottrack.eval.nuscenes import command
     from mottrack.eval.nuscenes.rules import Rules
-    from mottrack.eval.nuscenes.submission_run import Request
 
     rules = Rules(interpolation=interpolation)
-    extras = command.Extras(picture, bootstrap, compare, anatomy, hota)
-    request = Request(dataroot, version, split, submission, rules, strict)
+    extras = command.Extras(picture, bootstrap, compare, error_classes, hota)
+    request = command.Request(dataroot, version, split, submission, rules, strict)
     for text in command.evaluate(request, extras, out, warn=lambda t: typer.echo(t, err=True)):
         typer.echo(text)
 
@@ -59,9 +62,9 @@ def kitti(  # noqa: PLR0913
         float | None, typer.Option(min=0.01, max=1.0, help="Least overlap; 0.25 (3d), 0.5 (2d).")
     ] = None,
 ) -> None:
-    """The KITTI 3-D MOT protocol of AB3DMOT (sAMOTA, AMOTA, ...), one class."""
+    """Evaluate one class by the KITTI 3-D MOT protocol of AB3DMOT (sAMOTA, AMOTA, ...)."""
     from mottrack.eval.kitti import files
-    from mottrack.eval.kitti.rules import DEFAULT_IOU, KittiRules
+    from mottrack.eval.kitti.matching import DEFAULT_IOU, KittiRules
 
     least = DEFAULT_IOU[measure] if iou is None else iou
     rules = KittiRules(kind=kind.lower(), measure=measure, min_iou=least)
@@ -78,9 +81,9 @@ def mot(
     out: Out,
     iou: Annotated[float, typer.Option(min=0.01, max=1.0, help="Least overlap of a match.")] = 0.5,
 ) -> None:
-    """CLEAR, IDF1 and HOTA on MOTChallenge text files."""
+    """Compute CLEAR, IDF1 and HOTA on MOTChallenge text files."""
     from mottrack.core.errors import InputError
-    from mottrack.eval.mot import evaluation
+    from mottrack.eval import mot as evaluation
 
     if len(truth) != len(tracks):
         raise InputError("--tracks", f"given {len(tracks)} times", f"{len(truth)} as --truth")

@@ -1,4 +1,4 @@
-"""``mottrack paper``: the paper's tables, figures and claims, measured again."""
+"""``mottrack paper``: reproduction of the tables, figures and claims of the paper."""
 
 from __future__ import annotations
 
@@ -11,35 +11,38 @@ from mottrack.cli.arguments import Workers
 
 EXIT_SCENES_FAILED = 3
 
-Root = Annotated[Path | None, typer.Option(help="folder of the data set, if it shall take part")]
+Root = Annotated[Path | None, typer.Option(help="folder of the data set; omitted if not given")]
 Settings = Annotated[
     list[str] | None,
     typer.Argument(
-        help="NAME.key=value: settings of a recorded data set, as in "
+        help="NAME.key=value: settings of a recorded data set, such as "
         "nuscenes.detections=FILE or kitti.velodyne_root=FOLDER"
     ),
 ]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command of this module."""
+    """Add the command of this module."""
     app.command("paper")(paper)
 
 
 def paper(  # noqa: PLR0913
     settings: Settings = None,
     *,
-    out: Annotated[Path, typer.Option("--out", help="folder; an interrupted run goes on in it")],
-    quick: Annotated[bool, typer.Option("--quick", help="few and short scenes")] = False,
+    out: Annotated[
+        Path, typer.Option("--out", help="output folder; an interrupted run resumes in it")
+    ],
+    quick: Annotated[bool, typer.Option("--quick", help="use few and short scenes")] = False,
     kitti: Root = None,
     nuscenes: Root = None,
     argoverse2: Root = None,
     ablation: Annotated[
-        Path | None, typer.Option(help="folder of Table II's weights: NAME/weights.safetensors")
+        Path | None,
+        typer.Option(help="folder of the weights for Table II: NAME/weights.safetensors"),
     ] = None,
     workers: Workers = 0,
 ) -> None:
-    """Measure every table, figure and claim of the paper again, beside what it prints."""
+    """Reproduce every table, figure and claim of the paper beside the published values."""
     from mottrack.paper.page import write_paper
     from mottrack.paper.plan import Request
     from mottrack.paper.results import run_studies

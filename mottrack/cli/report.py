@@ -9,11 +9,11 @@ import typer
 
 from mottrack.cli.arguments import Baseline
 
-Folder = Annotated[Path, typer.Argument(help="folder of a run, or of a comparison")]
+Folder = Annotated[Path, typer.Argument(help="folder of a run or of a comparison")]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the command of this module."""
+    """Add the command of this module."""
     app.command("report")(report)
 
 
@@ -21,14 +21,14 @@ def report(
     folder: Folder,
     *,
     out: Annotated[
-        Path | None, typer.Option("--out", help="HTML file; report.html in the folder")
+        Path | None, typer.Option("--out", help="HTML file (default: report.html in the folder)")
     ] = None,
     max_mb: Annotated[
-        float, typer.Option("--max-mb", min=0.0, help="room for the moving pictures of scenes")
-    ] = 15.0,
+        float, typer.Option("--max-mb", min=0.0, help="maximum size of the scenes in the page")
+    ] = 15.0,  # report.page.MAX_MB, which would import the report
     baseline: Baseline = None,
 ) -> None:
-    """Write the HTML report of a finished run or comparison; nothing runs again."""
+    """Write the HTML report of a finished run or comparison from its stored results."""
     from mottrack.report.page import write_report
     from mottrack.runs.stored_comparison import load_comparison
 

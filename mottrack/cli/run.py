@@ -48,7 +48,7 @@ def demo(
 
 
 def list_parts(
-    what: Annotated[str, typer.Argument(help="flows, trackers, datasets, objects or metrics")],
+    what: Annotated[str, typer.Argument(help="flows, trackers, datasets or objects")],
 ) -> None:
     """List the parts that a configuration can name."""
     from mottrack.core.errors import unknown_name

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from mottrack.cli.arguments import Config, FinishedRun, Overrides, SceneName
 from mottrack.core.arrays import U8
 
-if TYPE_CHECKING:
-    pass
-
 Out = Annotated[Path, typer.Option("--out", help="the animation, .gif or .mp4")]
-Speed = Annotated[float, typer.Option("--speed", min=0.05, max=20.0, help="1 is as it happened")]
+Speed = Annotated[
+    float, typer.Option("--speed", min=0.05, max=20.0, help="playback speed; 1 is real time")
+]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands of this module."""
+    """Add the commands of this module."""
     app.command("view")(view)
     app.command("animate")(animate)
     app.command("animate-map")(animate_map)
@@ -33,7 +32,7 @@ def view(
         Path | None, typer.Option("--save", help="write a .rrd file instead of opening a window")
     ] = None,
 ) -> None:
-    """Look at the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
+    """Show the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
     from mottrack.runs.stored_scene import StoredScene, pick_scene, stored_scenes
     from mottrack.viz.recording import Recording
 
@@ -62,11 +61,11 @@ def animate(
 ) -> None:
     """Write a scene of a run as an animation seen from above."""
     from mottrack.runs.stored_scene import StoredScene, pick_scene
-    from mottrack.viz.film import film, period_s
+    from mottrack.viz.bev import draw_key_frames, key_frame_period_s
 
     stored = StoredScene.load(run, pick_scene(run, scene))
-    pictures = film(stored.result, stored.snapshots, reach_m=reach_m)
-    _write(out, pictures, period_s(stored.result) / speed)
+    pictures = draw_key_frames(stored.result, stored.snapshots, reach_m=reach_m)
+    _write(out, pictures, key_frame_period_s(stored.result) / speed)
 
 
 def animate_map(
@@ -86,7 +85,9 @@ def animate_map(
 
     experiments = load_experiments(config, ["flow=dogma", *(overrides or [])])
     if len(experiments) > 1:
-        raise ConfigError(f"{len(experiments)} experiments, expected one: a map is of one filter")
+        raise ConfigError(
+            f"{len(experiments)} experiments, expected one: the map of one filter is drawn"
+        )
     name = scene or scene_names(experiments[0])[0]
     opened = experiments[0].dataset.make().scene(name)
     pictures = (draw_map(picture) for picture in map_pictures(experiments[0], opened))

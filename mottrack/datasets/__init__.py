@@ -1,4 +1,10 @@
-"""Data sets: where sweeps, detections and truth come from."""
+"""Readers and writers of data sets.
+
+A package each: `config.py` (settings), `dataset.py` (the data set and its scenes), readers of its
+files, `write.py`. They share `scenes.py` (names and indices), `checks.py` (what points, boxes and
+poses must satisfy), `rigid.py` (rotations) and `scene_boxes.py` (truth and detections as arrays).
+Files themselves are read by `mottrack.formats`.
+"""
 
 DATASETS: dict[str, str] = {
     "argoverse2": "mottrack.datasets.argoverse2.dataset:Argoverse2",

@@ -1,4 +1,4 @@
-"""How many LiDAR returns lie in each labelled box."""
+"""LiDAR returns in labelled boxes; apart, since only writers need the compiled kernel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mottrack.lidar.in_boxes import points_in_boxes
 
 
 def counted_points(truth: Truth, sweep: Sweep | None) -> I64:
-    """Return (N,) returns in each box: as the labels say, else counted in the sweep.
+    """Return (N,) LiDAR returns in each box: as the labels say, else counted in the sweep.
 
     Where neither is known the count is 0.
     """

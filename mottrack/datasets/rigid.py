@@ -1,4 +1,4 @@
-"""Rigid transforms out of files, where rotations come rounded to a few digits."""
+"""Rigid transforms from files, in which rotations are rounded to a few digits."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from mottrack.core import DataError, Pose
 from mottrack.core.arrays import F64
-from mottrack.datasets.faults import NonFiniteError, NotRigidError
+from mottrack.formats.faults import NonFiniteError, NotRigidError
 
 MAX_DEFECT = 1e-3
-"""Largest |R R^T - I| taken for rounding; more is a damaged or mistaken matrix."""
+"""Largest |R R^T - I|, or | |q| - 1 |, taken for rounding: three digits are the fewest that files
+are written with, and the gravest fault, a matrix of another meaning, is off by more."""
 MAX_PLACE_M = 1e8
 """The Earth's own coordinates stay below 1e7 m; a place beyond this is a damaged file."""
 
@@ -22,7 +23,6 @@ def rigid_pose(matrix: F64, file: Path, field: str) -> Pose:
     Raises:
         DataError: not finite, farther than any place on Earth, or not a rotation by more than
             rounding explains.
-
     """
     rotation, translation = matrix[:3, :3], matrix[:3, 3]
     if not np.isfinite(matrix).all():
@@ -40,7 +40,6 @@ def quaternion_pose(wxyz: F64, translation_m: F64, file: Path, field: str) -> Po
 
     Raises:
         DataError: not finite, farther than any place on Earth, or not of unit length.
-
     """
     if not (np.isfinite(wxyz).all() and np.isfinite(translation_m).all()):
         raise NonFiniteError(
@@ -82,11 +81,18 @@ def quaternion_wxyz(rotation: F64) -> F64:
     matrix = np.empty((4, 4))
     matrix[0, 0], matrix[0, 1:], matrix[1:, 0] = trace, vector, vector
     matrix[1:, 1:] = r + r.T - trace * np.eye(3)
-    quaternion: F64 = np.linalg.eigh(matrix)[1][:, -1]
+    quaternion = np.linalg.eigh(matrix)[1][:, -1]
     return -quaternion if quaternion[0] < 0.0 else quaternion
 
 
 def yaw_quaternions(yaw_rad: F64) -> F64:
-    """Return (N, 4) quaternions (w, x, y, z) of turns about +z."""
+    """Return (N, 4) quaternions (w, x, y, z) of rotations about +z."""
     zero = np.zeros_like(yaw_rad)
     return np.column_stack([np.cos(yaw_rad / 2), zero, zero, np.sin(yaw_rad / 2)])
+
+
+def quaternion_yaws(wxyz: F64) -> F64:
+    """Return the headings (N,) in [-pi, pi] of the x axis that (N, 4) quaternions rotate."""
+    w, x, y, z = wxyz.T
+    yaw_rad: F64 = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return yaw_rad

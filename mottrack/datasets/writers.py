@@ -1,4 +1,4 @@
-"""The embedded world written as a real data set, to try readers, tools and devkits on."""
+"""Scenes of the embedded world written in the formats of public data sets, to test readers on."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Write = Callable[[Iterable[Scene], Path], tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Format:
-    """A format that can be written.
-
-    writer: `module:function`. sweep_hz, key_hz: rates of the sensor and of the labels there.
-    detections: where the detection file goes, as the reader's option takes it.
-    """
+    """A format that can be written."""
 
     writer: str
+    """`module:function`"""
     sweep_hz: int
+    """Rate of the sensor in that data set."""
     key_hz: int
+    """Rate of its labels."""
     detections: str
+    """Where the detection file goes, as the reader's option takes it."""
 
     def write(self, scenes: Iterable[Scene], root: Path) -> tuple[str, ...]:
         """Write the scenes; return their names in the new data set."""
@@ -52,7 +52,6 @@ def write_synthetic(
 
     Raises:
         ConfigError: the format is unknown, or the folder is not empty.
-
     """
     if format_name not in FORMATS:
         raise unknown_name("format", format_name, FORMATS)

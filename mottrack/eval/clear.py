@@ -11,10 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.arrays import F64, I64, Mask, Texts
+from mottrack.eval import arithmetic
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
 from mottrack.eval.pairs import Pairs
 
-MOSTLY_TRACKED, MOSTLY_LOST = 0.8, 0.2
+MISSES = ("late start", "gap", "early end", "never found")
+"""Kinds of miss, see `miss_kinds`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,7 @@ class ClearCounts:
 
     truth: int = 0
     matches: int = 0
+    """Without switches."""
     switches: int = 0
     misses: int = 0
     false_positives: int = 0
@@ -46,54 +50,66 @@ class ClearCounts:
     """Sum of the distances of all matches, switches included."""
 
     @property
+    def errors(self) -> int:
+        """Misses, false positives and switches."""
+        return self.misses + self.false_positives + self.switches
+
+    @property
+    def hits(self) -> int:
+        """True boxes that were matched, switches included."""
+        return self.matches + self.switches
+
+    @property
     def mota(self) -> float:
-        """1 - (misses + false positives + switches) / truth; NaN without truth."""
-        errors = self.misses + self.false_positives + self.switches
-        return 1.0 - errors / self.truth if self.truth else float("nan")
+        """1 - errors / truth; NaN without truth."""
+        return arithmetic.mota(self.errors, self.truth)
 
     @property
     def motp(self) -> float:
         """Mean distance of the matches (metres, or 1 - IoU); NaN without a match."""
-        hits = self.matches + self.switches
-        return self.distance / hits if hits else float("nan")
+        return arithmetic.ratio(self.distance, self.hits)
 
     @property
     def recall(self) -> float:
         """Share of the true boxes that were matched; NaN without truth."""
-        return (self.matches + self.switches) / self.truth if self.truth else float("nan")
+        return arithmetic.ratio(self.hits, self.truth)
 
     @property
     def precision(self) -> float:
         """Share of the track boxes that were matched; NaN without tracks."""
-        hits = self.matches + self.switches
-        return hits / (hits + self.false_positives) if hits + self.false_positives else float("nan")
+        return arithmetic.ratio(self.hits, self.hits + self.false_positives)
 
 
 def associate(pairs: Pairs) -> Association:
-    """Matches a sequence frame by frame. All listed pairs may be matched: gate them before."""
+    """Match a sequence frame by frame. All listed pairs may be matched: gate them before."""
     count = len(pairs.truth)
     out = Association(np.full(count, -1), np.zeros(count, np.bool_), np.full(count, np.nan))
     truth_id, track_id = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
     last = np.full(int(truth_id.max(initial=-1)) + 1, -1)
-    for rows, columns, span in pairs.by_frame():
-        if span.start == span.stop:
+    for rows in pairs.by_frame():
+        if rows.pairs.start == rows.pairs.stop:
             continue
-        distance = np.full((rows.stop - rows.start, columns.stop - columns.start), np.nan)
-        i, j = pairs.truth_row[span] - rows.start, pairs.track_row[span] - columns.start
-        distance[i, j] = pairs.distance[span]
-        objects, hypotheses = truth_id[rows], track_id[columns]
+        distance = pairs.matrix(rows, pairs.distance, np.nan)
+        objects, hypotheses = truth_id[rows.truth], track_id[rows.tracks]
         match = _match_frame(distance, last[objects], hypotheses)
         hit = np.flatnonzero(match >= 0)
-        now = hypotheses[match[hit]]
-        out.switched[rows.start + hit] = (last[objects[hit]] >= 0) & (last[objects[hit]] != now)
-        out.track_row[rows.start + hit] = columns.start + match[hit]
-        out.distance[rows.start + hit] = distance[hit, match[hit]]
+        now, before = hypotheses[match[hit]], last[objects[hit]]
+        row = rows.truth.start + hit
+        out.switched[row] = (before >= 0) & (before != now)
+        out.track_row[row] = rows.tracks.start + match[hit]
+        out.distance[row] = distance[hit, match[hit]]
         last[objects[hit]] = now
     return out
 
 
 def _match_frame(distance: F64, last: I64, hypotheses: I64) -> I64:
-    """(G,) column of each object of a frame, -1 for none. `distance` is NaN for no pair."""
+    """Return the column of each object of a frame (G,), -1 for none.
+
+    Args:
+        distance: (G, P) NaN where a pair must not be matched.
+        last: (G,) identity of each object's last match, -1 for none.
+        hypotheses: (P,) identity of each track box.
+    """
     match = np.full(len(distance), -1)
     kept, column = np.nonzero((last[:, None] == hypotheses[None, :]) & ~np.isnan(distance))
     for row, col in zip(kept, column, strict=True):
@@ -103,6 +119,7 @@ def _match_frame(distance: F64, last: I64, hypotheses: I64) -> I64:
     free_columns = np.setdiff1d(np.arange(distance.shape[1]), match)
     rest = distance[np.ix_(free_rows, free_columns)]
     if rest.size and not np.isnan(rest).all():
+        # more than all allowed pairs together, so that no match is given up for a lesser distance
         forbidden = 2.0 * min(rest.shape) * (np.nanmax(rest) + 1.0) + 1.0
         i, j = linear_sum_assignment(np.where(np.isnan(rest), forbidden, rest))
         allowed = ~np.isnan(rest[i, j])
@@ -111,7 +128,7 @@ def _match_frame(distance: F64, last: I64, hypotheses: I64) -> I64:
 
 
 def clear_counts(pairs: Pairs, association: Association) -> ClearCounts:
-    """The counts of one sequence."""
+    """Return the counts of one sequence."""
     hit = association.track_row >= 0
     switches = int(np.count_nonzero(association.switched))
     hits = int(np.count_nonzero(hit))
@@ -133,15 +150,41 @@ def clear_counts(pairs: Pairs, association: Association) -> ClearCounts:
 
 
 def _fragmentations(object_of: I64, hit: Mask) -> int:
-    """Times that an object is lost and found again: changes from a miss to a hit, but the first."""
+    """Count changes from a miss to a hit, but for the first hit of each object."""
     order = np.argsort(object_of, kind="stable")
     objects, found = object_of[order], hit[order]
     starts = found & ~np.r_[False, found[:-1] & (objects[1:] == objects[:-1])]
     return int(np.count_nonzero(starts) - len(np.unique(objects[found])))
 
 
+def miss_kinds(object_of: I64, frame: I64, hit: Mask) -> Texts:
+    """Return the kind of miss that each true box is, should it be one, (G,).
+
+    A "late start" lies before the first hit of its object, an "early end" after the last, a "gap"
+    between hits; a box of an object without a hit is "never found".
+
+    Args:
+        object_of: (G,) number of each box's object, from 0.
+        frame: (G,) frame of each box.
+        hit: (G,) whether the box was matched.
+    """
+    first, last = hit_span(object_of, frame, hit)
+    conditions = [last < 0, frame < first, frame > last]
+    return np.select(conditions, ["never found", "late start", "early end"], "gap")
+
+
+def hit_span(object_of: I64, frame: I64, hit: Mask) -> tuple[I64, I64]:
+    """Return the first and the last frame in which each box's object is hit, (G,) each.
+
+    An object without a hit has the last frame -1.
+    """
+    count = int(object_of.max(initial=-1)) + 1
+    first, last = np.full(count, np.iinfo(np.int64).max), np.full(count, -1)
+    np.minimum.at(first, object_of[hit], frame[hit])
+    np.maximum.at(last, object_of[hit], frame[hit])
+    return first[object_of], last[object_of]
+
+
 def total(counts: Iterable[ClearCounts]) -> ClearCounts:
-    """The counts of several sequences or classes together."""
-    listed = list(counts)
-    names = ClearCounts.__dataclass_fields__
-    return ClearCounts(**{name: sum(getattr(c, name) for c in listed) for name in names})
+    """Return the counts of several sequences or classes together."""
+    return arithmetic.total(counts, ClearCounts())

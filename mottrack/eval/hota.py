@@ -7,10 +7,12 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64
+from mottrack.eval import arithmetic
 from mottrack.eval.pairs import Pairs
 
-ALPHAS: F64 = np.arange(0.05, 0.99, 0.05)
-_SLACK = float(np.finfo(np.float64).eps)
+ALPHAS = np.arange(0.05, 0.99, 0.05)
+"""The 19 localisation thresholds 0.05, 0.10, ..., 0.95 of the paper, section 5.4."""
+_ROUNDING = float(np.finfo(np.float64).eps)  # as TrackEval: a similarity of alpha itself counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +32,7 @@ class HotaCounts:
 
 @dataclass(frozen=True, slots=True)
 class Hota:
-    """HOTA and its parts per alpha, (19,) each; a reported figure is the mean over alpha."""
+    """HOTA and its parts per alpha, (19,) each; the reported score is the mean over alpha."""
 
     hota: F64
     det_a: F64
@@ -42,19 +44,19 @@ class Hota:
     ass_pr: F64
 
     def as_dict(self) -> dict[str, float]:
-        """The mean of each over alpha."""
+        """Return the mean of each over alpha."""
         return {name: float(getattr(self, name).mean()) for name in self.__dataclass_fields__}
 
 
 def hota_counts(pairs: Pairs) -> HotaCounts:
-    """The sums of one sequence. Wants all pairs of positive similarity, not gated ones."""
+    """Return the sums of one sequence from all its pairs of positive similarity, not gated."""
     truth_id, track_id = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
     truth_length, track_length = np.bincount(truth_id), np.bincount(track_id)
     alignment = _alignment(pairs, truth_id, track_id)
     matched, similarity = _match(pairs, alignment, truth_id, track_id)
     sums = {name: np.zeros(len(ALPHAS)) for name in HotaCounts.__dataclass_fields__}
     for a, alpha in enumerate(ALPHAS):
-        good = similarity >= alpha - _SLACK
+        good = similarity >= alpha - _ROUNDING
         ids, frames = np.unique(matched[good], axis=0, return_counts=True)
         truth_frames, track_frames = truth_length[ids[:, 0]], track_length[ids[:, 1]]
         hits = int(np.count_nonzero(good))
@@ -69,7 +71,7 @@ def hota_counts(pairs: Pairs) -> HotaCounts:
 
 
 def _alignment(pairs: Pairs, truth_id: I64, track_id: I64) -> F64:
-    """Global alignment score of every true with every tracked identity (paper, section 5.2)."""
+    """Return the alignment score of every true with every tracked identity (section 5.2)."""
     truth_length, track_length = np.bincount(truth_id), np.bincount(track_id)
     per_truth = np.bincount(pairs.truth_row, pairs.similarity, minlength=len(truth_id))
     per_track = np.bincount(pairs.track_row, pairs.similarity, minlength=len(track_id))
@@ -77,36 +79,30 @@ def _alignment(pairs: Pairs, truth_id: I64, track_id: I64) -> F64:
     potential = np.zeros((len(truth_length), len(track_length)))
     where = (truth_id[pairs.truth_row], track_id[pairs.track_row])
     np.add.at(potential, where, pairs.similarity / union)
-    whole: F64 = truth_length[:, None] + track_length[None, :] - potential
-    return potential / whole
+    return potential / (truth_length[:, None] + track_length[None, :] - potential)
 
 
 def _match(pairs: Pairs, alignment: F64, truth_id: I64, track_id: I64) -> tuple[I64, F64]:
-    """Matched identities (M, 2) and similarity (M,), the same for every alpha."""
+    """Return matched identities (M, 2) and similarity (M,), the same for every alpha."""
     matched, kept = [np.zeros((0, 2), np.int64)], [np.zeros(0)]
-    for rows, columns, span in pairs.by_frame():
-        if span.start == span.stop:
+    for rows in pairs.by_frame():
+        if rows.pairs.start == rows.pairs.stop:
             continue
-        similarity = np.zeros((rows.stop - rows.start, columns.stop - columns.start))
-        i, j = pairs.truth_row[span] - rows.start, pairs.track_row[span] - columns.start
-        similarity[i, j] = pairs.similarity[span]
-        score = alignment[np.ix_(truth_id[rows], track_id[columns])] * similarity
-        i, j = linear_sum_assignment(-score)
-        matched.append(np.stack([truth_id[rows][i], track_id[columns][j]], axis=1))
+        similarity = pairs.matrix(rows, pairs.similarity, 0.0)
+        objects, hypotheses = truth_id[rows.truth], track_id[rows.tracks]
+        i, j = linear_sum_assignment(-alignment[np.ix_(objects, hypotheses)] * similarity)
+        matched.append(np.stack([objects[i], hypotheses[j]], axis=1))
         kept.append(similarity[i, j])
     return np.concatenate(matched), np.concatenate(kept)
 
 
 def total(counts: Iterable[HotaCounts]) -> HotaCounts:
-    """The sums of several sequences or classes together."""
-    listed = list(counts)
-    zero = np.zeros(len(ALPHAS))
-    names = HotaCounts.__dataclass_fields__
-    return HotaCounts(**{n: sum((getattr(c, n) for c in listed), start=zero) for n in names})
+    """Return the sums of several sequences or classes together."""
+    return arithmetic.total(counts, HotaCounts(*(7 * [np.zeros(len(ALPHAS))])))
 
 
 def hota(counts: HotaCounts) -> Hota:
-    """HOTA = sqrt(DetA * AssA) and its parts; a part is 0 where nothing could be counted."""
+    """Return HOTA = sqrt(DetA * AssA) and its parts; a part without any count is 0."""
     hits, misses, extra = counts.true_positives, counts.false_negatives, counts.false_positives
     det_a = hits / np.maximum(1.0, hits + misses + extra)
     ass_a = counts.association / np.maximum(1.0, hits)
@@ -114,6 +110,7 @@ def hota(counts: HotaCounts) -> Hota:
         hota=np.sqrt(det_a * ass_a),
         det_a=det_a,
         ass_a=ass_a,
+        # TrackEval's bound: without any match LocA is 1
         loc_a=np.maximum(1e-10, counts.localisation) / np.maximum(1e-10, hits),
         det_re=hits / np.maximum(1.0, hits + misses),
         det_pr=hits / np.maximum(1.0, hits + extra),

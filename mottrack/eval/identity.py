@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from mottrack.eval import arithmetic
 from mottrack.eval.pairs import Pairs
 
 
@@ -20,38 +21,28 @@ class IdentityCounts:
     @property
     def idf1(self) -> float:
         """2 IDTP / (truth + tracked); NaN where there is neither."""
-        return _share(2 * self.true_positives, self.truth + self.tracked)
+        return arithmetic.ratio(2 * self.true_positives, self.truth + self.tracked)
 
     @property
     def idp(self) -> float:
         """IDTP / tracked boxes; NaN without tracks."""
-        return _share(self.true_positives, self.tracked)
+        return arithmetic.ratio(self.true_positives, self.tracked)
 
     @property
     def idr(self) -> float:
         """IDTP / true boxes; NaN without truth."""
-        return _share(self.true_positives, self.truth)
+        return arithmetic.ratio(self.true_positives, self.truth)
 
 
 def identity_counts(pairs: Pairs) -> IdentityCounts:
-    """The counts of one sequence; every listed pair counts as overlap, so gate them before."""
+    """Return the counts of one sequence; every listed pair is an overlap: gate them before."""
     truth_id, track_id = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
     shared = np.zeros((truth_id.max(initial=-1) + 1, track_id.max(initial=-1) + 1))
     np.add.at(shared, (truth_id[pairs.truth_row], track_id[pairs.track_row]), 1)
     rows, columns = linear_sum_assignment(shared, maximize=True)
-    best = int(shared[rows, columns].sum())
-    return IdentityCounts(best, len(truth_id), len(track_id))
+    return IdentityCounts(int(shared[rows, columns].sum()), len(truth_id), len(track_id))
 
 
 def total(counts: Iterable[IdentityCounts]) -> IdentityCounts:
-    """The counts of several sequences or classes together."""
-    listed = list(counts)
-    return IdentityCounts(
-        sum(c.true_positives for c in listed),
-        sum(c.truth for c in listed),
-        sum(c.tracked for c in listed),
-    )
-
-
-def _share(part: int, whole: int) -> float:
-    return part / whole if whole else float("nan")
+    """Return the counts of several sequences or classes together."""
+    return arithmetic.total(counts, IdentityCounts())

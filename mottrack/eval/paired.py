@@ -1,37 +1,45 @@
 """Paired differences between runs on the same scenes, with confidence intervals.
 
-Scenes are drawn with replacement, the same ones for every run, and every metric is evaluated again
-on each resample: exactly, since a scene enters as counters that add up (`Ratio`, `Variance`), as
-its sorted errors (`TailMean`), or as the profile of the official metrics
-(eval/nuscenes/profile.py).
+Scenes are drawn with replacement (frames of a scene are not independent), the same ones for every
+run, and every metric is evaluated again on each resample: exactly, since a scene enters as counters
+that add up (`Ratio`, `Pooled`), as its sorted errors (`TailMean`), or as the profile of
+the official metrics (eval/nuscenes/resampling.py).
 
 An interval is difference +- t * sqrt(n / (n - 1)) * s with s the standard deviation over the
 resamples and t the 97.5 % quantile of Student's distribution with n - 1 degrees of freedom, n the
-scenes that have anything to say about the figure. For a mean this is the textbook t interval, so it
-keeps its word with few scenes too, where percentiles of the resamples are far too narrow. One
-scene has no interval.
+scenes that have data for the metric. For a mean this is the textbook t interval, so its coverage
+is right with few scenes too, where percentiles of the resamples are far too narrow. One scene has
+no interval.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.errors import InputError
+from mottrack.eval.arithmetic import ratio
+from mottrack.formats.strict_json import strict
 
 RESAMPLES = 400
+"""The standard deviation over B resamples is uncertain by 1 / sqrt(2 B), here 3.5 %: less than
+matters for an interval, and a comparison still takes seconds."""
 CONFIDENCE = 0.95
+"""The field's usual level: about 1 in 20 null differences is reported as significant."""
 WORST_SHARE = 0.05
-ALIKE = 1e-12  # a spread below this share of the figure is the rounding of sums
+"""The paper's "95 % largest": the share of the errors in the upper tail."""
+ROUNDING_SHARE = 1e-12
+"""A spread below this share of the metric is the rounding of sums (1e-16 times their length)."""
 
 
 @dataclass(frozen=True, slots=True)
 class MetricKey:
-    """Names one figure of a run."""
+    """Names one metric of a run."""
 
     table: str
     """"tracking", "velocity", "flow" or "runtime"."""
@@ -43,16 +51,35 @@ class MetricKey:
 
 
 class Metric(Protocol):
-    """A figure of a run as a function of how often each of its S scenes counts."""
+    """A metric of a run as a function of how often each of its S scenes counts."""
 
     @property
     def present(self) -> Mask:
-        """(S,) the scenes that have anything to say about it."""
+        """(S,) the scenes that have data for it."""
         ...
 
     def values(self, weights: I64) -> F64:
-        """(B,) the figure when scene s counts `weights[b, s]` times; NaN where it has no data."""
+        """Return the metric (B,) when scene s counts `weights[b, s]` times; NaN without data."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Pooled:
+    """A formula of quantities that add up over scenes."""
+
+    formula: Callable[..., F64]
+    """From as many sums, (B,) each, as there are quantities; NaN where the last one is 0."""
+    sums: tuple[F64, ...]
+    """(S,) each; the last one counts the data."""
+
+    @property
+    def present(self) -> Mask:
+        """(S,) scenes with data."""
+        return self.sums[-1] > 0
+
+    def values(self, weights: I64) -> F64:
+        """Return the metric of each resample, (B,)."""
+        return self.formula(*(weights @ column for column in self.sums))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,15 +92,29 @@ class Ratio:
     """(S,)"""
     root: bool = False
 
+    @classmethod
+    def mean(cls, parts: Sequence[F64]) -> Ratio:
+        """Return the mean of the values of all scenes."""
+        return cls(*_sums(parts))
+
+    @classmethod
+    def root_mean_square(cls, parts: Sequence[F64]) -> Ratio:
+        """Return the root mean square of the values of all scenes."""
+        return cls(*_sums([part**2 for part in parts]), root=True)
+
     @property
     def present(self) -> Mask:
         """(S,) scenes that count."""
-        return np.asarray(self.count > 0)
+        return self.count > 0
 
     def values(self, weights: I64) -> F64:
-        """(B,) the figure of each resample."""
-        ratio = _divided(weights @ self.total, weights @ self.count)
-        return np.sqrt(ratio) if self.root else ratio
+        """Return the metric of each resample, (B,)."""
+        mean = ratio(weights @ self.total, weights @ self.count)
+        return np.sqrt(mean) if self.root else mean
+
+
+def _sums(parts: Sequence[F64]) -> tuple[F64, F64]:
+    return np.array([p.sum() for p in parts]), np.array([float(len(p)) for p in parts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,51 +126,35 @@ class Sum:
 
     @property
     def present(self) -> Mask:
-        """(S,) every scene: none counted is a finding too."""
+        """(S,) every scene: a count of 0 is data too."""
         return np.ones(len(self.total), np.bool_)
 
     def values(self, weights: I64) -> F64:
-        """(B,) the figure of each resample."""
-        summed: F64 = weights @ self.total
-        return summed
+        """Return the count of each resample, (B,)."""
+        return weights @ self.total
 
 
-@dataclass(frozen=True, slots=True)
-class Variance:
-    """Population variance of values whose sums and squared sums are known per scene."""
-
-    total: F64
-    squares: F64
-    count: F64
-
-    @property
-    def present(self) -> Mask:
-        """(S,) scenes that count."""
-        return np.asarray(self.count > 0)
-
-    def values(self, weights: I64) -> F64:
-        """(B,) the figure of each resample."""
-        count = weights @ self.count
-        mean = _divided(weights @ self.total, count)
-        return np.maximum(_divided(weights @ self.squares, count) - mean**2, 0.0)
+def variance(total: F64, squares: F64, count: F64) -> F64:
+    """Return the population variance from sums, sums of squares and counts of values, (B,) each."""
+    return np.maximum(ratio(squares, count) - ratio(total, count) ** 2, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class TailMean:
-    """Mean of the largest 5 % of the errors (at least one), as velocity_error.error_row has it."""
+    """Mean of the largest 5 % of the errors (at least one)."""
 
     error: F64
-    """(N,) the largest first."""
+    """(N,) ascending."""
     scene: I64
     """(N,) of each error."""
     scenes: int
 
     @classmethod
-    def of(cls, parts: list[F64]) -> TailMean:
-        """From the errors of each scene."""
-        error = np.concatenate(parts) if parts else np.zeros(0)
+    def of(cls, parts: Sequence[F64]) -> TailMean:
+        """Sort the errors of all scenes."""
+        error = np.concatenate([np.zeros(0), *parts])
         scene = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        order = np.argsort(-error, kind="stable")
+        order = np.argsort(error, kind="stable")
         return cls(error[order], scene[order], len(parts))
 
     @property
@@ -138,33 +163,37 @@ class TailMean:
         return np.bincount(self.scene, minlength=self.scenes) > 0
 
     def values(self, weights: I64) -> F64:
-        """(B,) the figure of each resample."""
+        """Return the metric of each resample, (B,)."""
         return np.array([self._value(weight) for weight in weights])
 
     def _value(self, weight: I64) -> float:
         copies = weight[self.scene]
-        ends = np.cumsum(copies)
-        if not len(ends) or not ends[-1]:
+        count = int(copies.sum())
+        if not count:
             return float("nan")
-        wanted = max(1, round(WORST_SHARE * int(ends[-1])))
-        taken = np.clip(wanted - (ends - copies), 0, copies)
-        return float(taken @ self.error) / wanted
+        tail = max(1, round(WORST_SHARE * count))
+        larger = count - np.cumsum(copies)
+        return float(np.repeat(self.error, np.clip(tail - larger, 0, copies)).mean())
 
 
 @dataclass(frozen=True, slots=True)
 class Sampled:
-    """A figure on the data as they are and on every resample."""
+    """A metric on the data as they are and on every resample."""
 
     value: float
     draws: F64
     """(B,) NaN where a resample has no data."""
     present: Mask
-    """(S,) scenes that have anything to say about it."""
+    """(S,) scenes that have data for it."""
+
+    def interval(self) -> tuple[float, float]:
+        """Return the ends of the 95 % interval of the metric; NaN where none can be given."""
+        return t_interval(self.value, self.draws, int(np.count_nonzero(self.present)))
 
 
 @dataclass(frozen=True, slots=True)
 class PairedDifference:
-    """A run's figure beside the baseline's on the same scenes."""
+    """A run's metric beside the baseline's on the same scenes."""
 
     key: MetricKey
     baseline: float
@@ -173,11 +202,11 @@ class PairedDifference:
     """Ends of the 95 % interval of the difference; NaN where none can be given."""
     high: float
     scenes: int
-    """How many scenes have anything to say about it."""
+    """How many scenes have data for it."""
 
     @property
     def difference(self) -> float:
-        """The run's figure minus the baseline's."""
+        """The run's metric minus the baseline's."""
         return self.value - self.baseline
 
     @property
@@ -187,25 +216,52 @@ class PairedDifference:
 
     @property
     def better(self) -> bool | None:
-        """Whether the run is better than the baseline; None where that is not known."""
+        """Whether the run is better than the baseline; None where that is not significant."""
         if not self.significant:
             return None
         return (self.difference < 0.0) == self.key.lower_is_better
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON; a number that does not exist is None."""
+        names = ("baseline", "value", "difference", "low", "high", "significant", "better")
+        plain: dict[str, Any] = strict({n: getattr(self, n) for n in (*names, "scenes")})
+        return plain
 
-def sample(figure: Metric, weights: I64) -> Sampled:
-    """Evaluates a figure on the whole and on resamples.
+
+def draw(scenes: int, resamples: int, seed: int = 0) -> I64:
+    """Draw scenes with replacement, as many as there are.
+
+    Returns:
+        (resamples, scenes) how often each scene is drawn.
+
+    Raises:
+        InputError: there is no scene, or no resample is asked for.
+    """
+    for name, count in (("scenes", scenes), ("resamples", resamples)):
+        if count < 1:
+            raise InputError(name, count, "at least 1")
+    rng = np.random.default_rng(seed)
+    drawn = rng.multinomial(scenes, np.full(scenes, 1.0 / scenes), size=resamples)
+    return drawn.astype(np.int64)
+
+
+def whole(metric: Metric, scenes: int = 1) -> float:
+    """Return the metric of the data as they are."""
+    return float(metric.values(np.ones((1, scenes), np.int64))[0])
+
+
+def sample(metric: Metric, weights: I64) -> Sampled:
+    """Evaluate a metric on the whole and on resamples.
 
     Args:
-        figure: of S scenes.
+        metric: of S scenes.
         weights: (B, S) how often each scene counts.
     """
-    once = np.ones((1, weights.shape[1]), np.int64)
-    return Sampled(float(figure.values(once)[0]), figure.values(weights), figure.present)
+    return Sampled(whole(metric, weights.shape[1]), metric.values(weights), metric.present)
 
 
 def paired(key: MetricKey, baseline: Sampled, run: Sampled) -> PairedDifference:
-    """The difference of two runs' figures, both sampled with the same weights."""
+    """Return the difference of two runs' metrics, both sampled with the same weights."""
     scenes = int(np.count_nonzero(baseline.present | run.present))
     low, high = t_interval(run.value - baseline.value, run.draws - baseline.draws, scenes)
     return PairedDifference(key, baseline.value, run.value, low, high, scenes)
@@ -214,30 +270,24 @@ def paired(key: MetricKey, baseline: Sampled, run: Sampled) -> PairedDifference:
 def paired_all(
     baseline: Mapping[MetricKey, Sampled], run: Mapping[MetricKey, Sampled]
 ) -> tuple[PairedDifference, ...]:
-    """The differences of every figure for which both runs have data."""
+    """Return the differences of every metric for which both runs have data."""
     pairs = (paired(key, side, run[key]) for key, side in baseline.items() if key in run)
-    return tuple(pair for pair in pairs if pair.scenes and pair.difference == pair.difference)
+    return tuple(pair for pair in pairs if pair.scenes and not np.isnan(pair.difference))
 
 
 def t_interval(value: float, draws: F64, scenes: int) -> tuple[float, float]:
-    """Ends of the 95 % interval of a figure; NaN for fewer than two scenes.
+    """Return the ends of the 95 % interval of a metric; NaN for fewer than two scenes.
 
     Args:
-        value: the figure itself.
-        draws: (B,) the figure on resamples; NaN where it does not exist.
-        scenes: how many scenes have anything to say about it.
+        value: the metric itself.
+        draws: (B,) the metric on resamples; NaN where it does not exist.
+        scenes: how many scenes have data for it.
     """
     known = draws[~np.isnan(draws)]
     if scenes < 2 or len(known) < 2 or np.isnan(value):
         return float("nan"), float("nan")
-    quantile = float(student_t.ppf(0.5 + CONFIDENCE / 2, scenes - 1))
-    reach = quantile * np.sqrt(scenes / (scenes - 1)) * float(known.std())
-    if reach <= ALIKE * np.abs(known).max(initial=0.0):
-        reach = 0.0
-    return value - reach, value + reach
-
-
-def _divided(total: F64, count: F64) -> F64:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio: F64 = np.where(count > 0, total / count, np.nan)
-    return ratio
+    quantile = float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))  # of Student's t
+    half_width = quantile * np.sqrt(scenes / (scenes - 1)) * float(known.std())
+    if half_width <= ROUNDING_SHARE * np.abs(known).max(initial=0.0):
+        half_width = 0.0
+    return value - half_width, value + half_width

@@ -1,7 +1,11 @@
-"""Candidate pairs of true and tracked boxes: found once, used by CLEAR, identity and HOTA alike."""
+"""Candidate pairs of true and tracked boxes, found once for CLEAR, identity and HOTA."""
+
+from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +15,7 @@ from mottrack.core.errors import InputError
 
 @dataclass(frozen=True, slots=True)
 class BoxStream:
-    """Boxes of one side (truth or tracks) of a sequence, in order of their frame."""
+    """Boxes of a sequence, true or tracked, in order of their frame."""
 
     frame: I64
     """(N,) index of the frame."""
@@ -28,17 +32,25 @@ class BoxStream:
         return len(self.frame)
 
     def dense_ids(self) -> I64:
-        """(N,) the identities renumbered from 0."""
-        return np.unique(self.id, return_inverse=True)[1].astype(np.int64)
+        """Return the identities renumbered from 0, (N,)."""
+        return np.unique(self.id, return_inverse=True)[1]
 
     def edges(self, frames: int) -> I64:
-        """(frames + 1,) first row of each frame, and the end."""
-        return np.searchsorted(self.frame, np.arange(frames + 1)).astype(np.int64)
+        """Return the first row of each frame, and the end, (frames + 1,)."""
+        return np.searchsorted(self.frame, np.arange(frames + 1))
+
+
+class FrameRows(NamedTuple):
+    """The rows of one frame in the tables of a sequence."""
+
+    truth: slice
+    tracks: slice
+    pairs: slice
 
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """The pairs of one sequence that are near enough to matter."""
+    """The pairs of one sequence that are near enough to be matched."""
 
     truth: BoxStream
     tracks: BoxStream
@@ -53,8 +65,8 @@ class Pairs:
     similarity: F64
     """(P,) in [0, 1]: 1 where both boxes agree, 0 where they have nothing in common."""
 
-    def within(self, gate: float) -> "Pairs":
-        """The pairs whose distance is below the gate."""
+    def within(self, gate: float) -> Pairs:
+        """Return the pairs whose distance is below the gate."""
         keep = self.distance < gate
         return replace(
             self,
@@ -64,69 +76,86 @@ class Pairs:
             similarity=self.similarity[keep],
         )
 
-    def by_frame(self) -> Iterator[tuple[slice, slice, slice]]:
-        """Per frame the rows of truth, of tracks and of pairs."""
+    def by_frame(self) -> Iterator[FrameRows]:
+        """Yield the rows of every frame."""
         truth_edges = self.truth.edges(self.frames)
-        track_edges = self.tracks.edges(self.frames)
         pair_edges = np.searchsorted(self.truth_row, truth_edges)
-        for f in range(self.frames):
-            yield (
-                slice(int(truth_edges[f]), int(truth_edges[f + 1])),
-                slice(int(track_edges[f]), int(track_edges[f + 1])),
-                slice(int(pair_edges[f]), int(pair_edges[f + 1])),
-            )
+        edges = np.stack([truth_edges, self.tracks.edges(self.frames), pair_edges], axis=1)
+        for first, end in pairwise(edges.tolist()):
+            yield FrameRows(*map(slice, first, end))
+
+    def matrix(self, rows: FrameRows, values: F64, missing: float) -> F64:
+        """Lay the values (P,) of one frame out as a matrix (true boxes, track boxes)."""
+        shape = (rows.truth.stop - rows.truth.start, rows.tracks.stop - rows.tracks.start)
+        dense = np.full(shape, missing)
+        i = self.truth_row[rows.pairs] - rows.truth.start
+        dense[i, self.track_row[rows.pairs] - rows.tracks.start] = values[rows.pairs]
+        return dense
 
 
-def find_pairs(
-    truth: BoxStream,
-    tracks: BoxStream,
-    frames: int,
-    measure: Callable[[slice, slice], tuple[F64, F64]],
-) -> Pairs:
-    """All pairs of the same frame with a similarity above zero.
+class Measured(NamedTuple):
+    """How far apart the boxes of one frame are."""
 
-    `measure(truth rows, track rows)` returns the distances and the similarities of one frame, each
-    (truth rows, track rows).
-    """
-    truth_edges, track_edges = truth.edges(frames), tracks.edges(frames)
-    found: list[tuple[I64, I64, F64, F64]] = []
-    for f in range(frames):
-        rows = slice(int(truth_edges[f]), int(truth_edges[f + 1]))
-        columns = slice(int(track_edges[f]), int(track_edges[f + 1]))
-        if rows.start == rows.stop or columns.start == columns.stop:
+    distance: F64
+    """(true boxes, track boxes) metres, or 1 - IoU."""
+    similarity: F64
+    """(true boxes, track boxes) in [0, 1]."""
+
+
+Measure = Callable[[slice, slice], Measured]
+"""Measures the boxes of one frame, given their rows in truth and in tracks."""
+
+
+def find_pairs(truth: BoxStream, tracks: BoxStream, frames: int, measure: Measure) -> Pairs:
+    """List all pairs of the same frame with a similarity above zero."""
+    none = np.zeros(0, np.int64)
+    pairs = Pairs(truth, tracks, frames, none, none, np.zeros(0), np.zeros(0))
+    truth_row, track_row, distance, similarity = [none], [none], [np.zeros(0)], [np.zeros(0)]
+    for rows in pairs.by_frame():
+        if rows.truth.start == rows.truth.stop or rows.tracks.start == rows.tracks.stop:
             continue
-        distance, similarity = measure(rows, columns)
-        i, j = np.nonzero(similarity > 0.0)
-        found.append((i + rows.start, j + columns.start, distance[i, j], similarity[i, j]))
-    if not found:
-        none = np.zeros(0, np.int64)
-        return Pairs(truth, tracks, frames, none, none, np.zeros(0), np.zeros(0))
-    row, column, distance, similarity = (
-        np.concatenate([part[k] for part in found]) for k in range(4)
+        measured = measure(rows.truth, rows.tracks)
+        i, j = np.nonzero(measured.similarity > 0.0)
+        truth_row.append(i + rows.truth.start)
+        track_row.append(j + rows.tracks.start)
+        distance.append(measured.distance[i, j])
+        similarity.append(measured.similarity[i, j])
+    return replace(
+        pairs,
+        truth_row=np.concatenate(truth_row),
+        track_row=np.concatenate(track_row),
+        distance=np.concatenate(distance),
+        similarity=np.concatenate(similarity),
     )
-    return Pairs(truth, tracks, frames, row, column, distance, similarity)
 
 
-def centre_distance(
-    truth_xy_m: F64, tracks_xy_m: F64, zero_m: float
-) -> Callable[[slice, slice], tuple[F64, F64]]:
-    """Measure for `find_pairs`: ground distance; similarity falls to 0 at `zero_m` metres."""
+def centre_distance(truth_xy_m: F64, tracks_xy_m: F64, zero_m: float) -> Measure:
+    """Measure the distance of the centres over the ground.
 
-    def measure(rows: slice, columns: slice) -> tuple[F64, F64]:
+    Args:
+        truth_xy_m: (G, >= 2) centres of the true boxes; further columns are not used.
+        tracks_xy_m: (P, >= 2) centres of the track boxes, same frame.
+        zero_m: distance at which the similarity, which falls linearly from 1, reaches 0.
+    """
+
+    def measure(rows: slice, columns: slice) -> Measured:
         apart = truth_xy_m[rows, None, :2] - tracks_xy_m[None, columns, :2]
         distance = np.hypot(apart[..., 0], apart[..., 1])
-        return distance, np.maximum(0.0, 1.0 - distance / zero_m)
+        return Measured(distance, np.maximum(0.0, 1.0 - distance / zero_m))
 
     return measure
 
 
-def overlap(
-    iou: Callable[[F64, F64], F64], truth_boxes: F64, track_boxes: F64
-) -> Callable[[slice, slice], tuple[F64, F64]]:
-    """Measure for `find_pairs`: similarity is `iou` of the boxes (any kind), distance 1 - IoU."""
+def overlap(iou: Callable[[F64, F64], F64], truth_boxes: F64, track_boxes: F64) -> Measure:
+    """Measure the overlap of boxes of any kind: similarity is their `iou`, distance 1 - IoU."""
 
-    def measure(rows: slice, columns: slice) -> tuple[F64, F64]:
+    def measure(rows: slice, columns: slice) -> Measured:
         similarity = iou(truth_boxes[rows], track_boxes[columns])
-        return 1.0 - similarity, similarity
+        return Measured(1.0 - similarity, similarity)
 
     return measure
+
+
+def iou_gate(min_iou: float) -> float:
+    """Return the distance 1 - IoU below which boxes of at least this IoU lie."""
+    return float(np.nextafter(1.0 - min_iou, 2.0))

@@ -1,11 +1,11 @@
-"""The scores of a run: everything that a table about stored scene results prints.
+"""Scores of a run: all metrics of stored scene results.
 
 Boxes are matched by the distance of their centres over the ground, or by 3-D IoU, class by class.
 CLEAR, IDF1 and HOTA come from one search for candidate pairs per scene and class; AMOTA and AMOTP
 have rules of their own, and always go by distance.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, TypeVar
 
@@ -18,9 +18,18 @@ from mottrack.core.arrays import F64, Mask
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
-from mottrack.eval.nuscenes.from_results import result_metrics, rules_for
-from mottrack.eval.nuscenes.levels import Curves
-from mottrack.eval.pairs import BoxStream, Pairs, centre_distance, find_pairs, overlap
+from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
+from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.pairs import (
+    BoxStream,
+    Measure,
+    Pairs,
+    centre_distance,
+    find_pairs,
+    iou_gate,
+    overlap,
+)
+from mottrack.eval.region import Region
 from mottrack.eval.velocity_error import (
     ErrorRow,
     VelocityErrorConfig,
@@ -30,14 +39,16 @@ from mottrack.eval.velocity_error import (
 from mottrack.formats.strict_json import strict
 from mottrack.geometry.iou import boxes7, iou_3d
 
-ROUNDING = 1e-9  # a threshold is the mean score of some track, added up in another order
+ROUNDING = 1e-9
+"""A threshold is the mean score of some track, added up in another order: this near is equal."""
+MatchBy = Literal["distance", "iou"]
 BoxTable = TypeVar("BoxTable", TruthTable, TrackTable)
 
 
 class ScoreConfig(StrictModel):
     """How boxes are matched."""
 
-    match_by: Literal["distance", "iou"] = "distance"
+    match_by: MatchBy = "distance"
     match_distance_m: float = Field(default=2.0, gt=0, description="centres nearer than this match")
     match_iou: float = Field(default=0.25, gt=0, le=1, description="3-D IoU from which boxes match")
     class_agnostic: bool = Field(default=False, description="match boxes of any class (clusters)")
@@ -46,39 +57,42 @@ class ScoreConfig(StrictModel):
         description="tracks of a lower mean score are left out; null: per class what gives the "
         "best MOTA, as the official evaluation reports it",
     )
+    region: Region | None = Field(
+        default=None, description="where true boxes, tracks and cells count; null: everywhere"
+    )
     velocity: VelocityErrorConfig = VelocityErrorConfig()
 
     @property
     def gate(self) -> float:
         """Pairs whose distance (metres, or 1 - IoU) is below this may match."""
         if self.match_by == "iou":
-            return float(np.nextafter(1.0 - self.match_iou, 2.0))
+            return iou_gate(self.match_iou)
         return self.match_distance_m
 
 
 @dataclass(frozen=True, slots=True)
 class ClassScores:
-    """Figures of one class, or of all classes together."""
+    """Metrics of one class, or of all classes together."""
 
     clear: clear.ClearCounts
     identity: identity.IdentityCounts
     hota: hota.HotaCounts
     amota: float = float("nan")
-    """Official AMOTA; NaN where classes are not told apart."""
+    """Official AMOTA; NaN where the evaluation is class-agnostic."""
     amotp_m: float = float("nan")
     """Official AMOTP, metres."""
+    match_by: MatchBy = "distance"
 
     def as_dict(self) -> dict[str, float]:
-        """The figures with their unit in the name.
-
-        MOTP is a mean distance in metres, or 1 - IoU where boxes are matched by IoU.
-        """
+        """Return the metrics with their unit in the name; NaN for the MOTP of the other measure."""
         counts = self.clear
+        motp = {"distance": float("nan"), "iou": float("nan"), self.match_by: counts.motp}
         return {
             "amota": self.amota,
             "amotp_m": self.amotp_m,
             "mota": counts.mota,
-            "motp_m": counts.motp,
+            "motp_m": motp["distance"],
+            "motp_iou_distance": motp["iou"],
             "recall": counts.recall,
             "precision": counts.precision,
             "matches": counts.matches,
@@ -97,7 +111,7 @@ class ClassScores:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Every figure of a run."""
+    """All metrics of a run."""
 
     overall: ClassScores
     classes: dict[str, ClassScores]
@@ -107,14 +121,14 @@ class Scores:
     """Row name to flow error (flow_error.flow_table); empty where no flow was sampled."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers for scores.json; a figure that does not exist is None."""
-        figures = {
+        """Return plain numbers for scores.json; a metric that does not exist is None."""
+        metrics = {
             "overall": self.overall.as_dict(),
             "classes": {name: scores.as_dict() for name, scores in self.classes.items()},
             "velocity_error": {name: asdict(row) for name, row in self.velocity.items()},
             "flow_error": {name: asdict(row) for name, row in self.flow.items()},
         }
-        plain: dict[str, Any] = strict(figures)
+        plain: dict[str, Any] = strict(metrics)
         return plain
 
 
@@ -131,51 +145,61 @@ class ScoreFilter:
 
 
 def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> Scores:
-    """Scores of the scenes together.
+    """Return the scores of the scenes together.
 
     Truth counts from the first to the last frame in which its object has a LiDAR return. Where no
-    track carries a class of the truth (clusters), classes are not told apart.
+    track carries a class of the truth (clusters), the evaluation is class-agnostic.
     """
     config = config or ScoreConfig()
-    results = [result.where_labelled() for result in results]
-    labels = counted_labels(results)
-    class_aware = any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
-    if config.class_agnostic or not class_aware:
-        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config)
-    rules = rules_for(labels)
-    try:
-        figures = result_metrics(results, rules)
-    except InputError:  # nothing in range on one side: counts are all there is to say
-        return _scores(results, _class_scores(results, ScoreFilter(""), config), {}, config)
-    classes = {}
-    for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
-        cut = ScoreFilter(label, best_threshold(figures.curves[label], config), range_m)
-        counted = _class_scores(results, cut, config)
-        official = figures.classes[label]
-        classes[label] = replace(counted, amota=official["amota"], amotp_m=official["amotp"])
-    total = replace(
-        _together(classes.values()),
-        amota=figures.total["amota"],
-        amotp_m=figures.total["amotp"],
-    )
-    return _scores(results, total, classes, config)
-
-
-def _scores(
-    results: Sequence[SceneResult],
-    overall: ClassScores,
-    classes: dict[str, ClassScores],
-    config: ScoreConfig,
-) -> Scores:
-    flow = [result.flow for result in results if len(result.flow)]
-    samples = [velocity_samples(result, config.velocity) for result in results]
+    scored = [scored_part(result, config) for result in results]
+    overall, classes = _tracking(scored, config)
+    parts = [scored_part(result, config, truth=False) for result in results]
+    samples = [velocity_samples(part, config.velocity) for part in parts]
     declared = {name for result in results for name in result.classes}
     velocity = velocity_table(samples, config.velocity, declared)
+    flow = [result.flow for result in scored if len(result.flow)]
     return Scores(overall, classes, velocity, flow_table(flow) if flow else {})
 
 
+def scored_part(result: SceneResult, config: ScoreConfig, *, truth: bool = True) -> SceneResult:
+    """Return the boxes that lie where objects are labelled, and in the region if there is one.
+
+    The velocity error keeps `truth` beyond the region: a track at its border may lie on it.
+    """
+    labelled = result.where_labelled()
+    return labelled if config.region is None else config.region.crop(labelled, truth=truth)
+
+
+def _tracking(
+    results: Sequence[SceneResult], config: ScoreConfig
+) -> tuple[ClassScores, dict[str, ClassScores]]:
+    """Return the metrics of all classes together and of each class."""
+    pooled = ScoreFilter("")
+    if config.class_agnostic or not class_aware(results):
+        return _class_scores(results, pooled, config), {}
+    rules = rules_for(counted_labels(results))
+    try:
+        official = evaluate_prepared(prepare_results(results, rules), rules)
+    except InputError:  # nothing in range on one side: only counts are defined
+        return _class_scores(results, pooled, config), {}
+    classes = {}
+    for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
+        score_filter = ScoreFilter(label, best_threshold(official.curves[label], config), range_m)
+        counted = _class_scores(results, score_filter, config)
+        own = official.classes[label]
+        classes[label] = replace(counted, amota=own["amota"], amotp_m=own["amotp"])
+    together = _together(classes.values(), config)
+    total = official.total
+    return replace(together, amota=total["amota"], amotp_m=total["amotp"]), classes
+
+
+def class_aware(results: Iterable[SceneResult]) -> bool:
+    """Return whether any track carries a class of the truth."""
+    return any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
+
+
 def counted_labels(results: Iterable[SceneResult]) -> list[str]:
-    """The classes that count: those of the data set, else those in truth or tracks; in order."""
+    """Return the classes that count: those of the data set, else those in truth or tracks."""
     listed = list(results)
     declared = {name for result in listed for name in result.classes}
     found = {str(n) for r in listed for t in (r.truth, r.tracks) for n in np.unique(t.label)}
@@ -183,7 +207,7 @@ def counted_labels(results: Iterable[SceneResult]) -> list[str]:
 
 
 def best_threshold(curves: Curves, config: ScoreConfig) -> float:
-    """The given least score, or that of the level with the best MOTA."""
+    """Return the configured least score, or that of the level with the best MOTA."""
     if config.min_score is not None:
         return config.min_score
     if np.isnan(curves["mota"]).all() or np.isnan(curves["confidence"]).all():
@@ -192,19 +216,13 @@ def best_threshold(curves: Curves, config: ScoreConfig) -> float:
     return float(curves["confidence"][int(np.nanargmax(reached))])
 
 
-def _class_scores(
-    results: Iterable[SceneResult], cut: ScoreFilter, config: ScoreConfig
-) -> ClassScores:
-    return _together(scene_scores(result, cut, config) for result in results)
-
-
-def scene_pairs(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> Pairs:
-    """Candidate pairs of a scene for one class; every class where the label is empty."""
-    truth = _rows(result.truth.select(_seen(result.truth)), cut.label)
-    tracks = _rows(result.tracks, cut.label)
-    truth = truth.select(_near(result, truth, cut.range_m))
-    tracks = tracks.select(_near(result, tracks, cut.range_m))
-    tracks = tracks.select(_track_means(tracks) >= cut.threshold - ROUNDING)
+def scene_pairs(result: SceneResult, score_filter: ScoreFilter, config: ScoreConfig) -> Pairs:
+    """Return the candidate pairs of a scene for one class; every class where the label is empty."""
+    truth = _rows(result.truth.select(_seen(result.truth)), score_filter.label)
+    tracks = _rows(result.tracks, score_filter.label)
+    truth = truth.select(_near(result, truth, score_filter.range_m))
+    tracks = tracks.select(_near(result, tracks, score_filter.range_m))
+    tracks = tracks.select(_track_means(tracks) >= score_filter.threshold - ROUNDING)
     return find_pairs(
         BoxStream(truth.frame, truth.id),
         BoxStream(tracks.frame, tracks.id),
@@ -213,59 +231,61 @@ def scene_pairs(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> P
     )
 
 
-def _measure(
-    truth: TruthTable, tracks: TrackTable, config: ScoreConfig
-) -> Callable[[slice, slice], tuple[F64, F64]]:
+def _measure(truth: TruthTable, tracks: TrackTable, config: ScoreConfig) -> Measure:
     if config.match_by == "distance":
         return centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m)
-    boxes = [boxes7(side.centre_m, side.size_m, side.yaw_rad) for side in (truth, tracks)]
+    boxes = [boxes7(table.centre_m, table.size_m, table.yaw_rad) for table in (truth, tracks)]
     return overlap(iou_3d, boxes[0], boxes[1])
 
 
 def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -> Mask:
     ego_xy_m = result.frames.world_T_ego[table.frame, :2, 3]
-    near: Mask = np.hypot(*(table.centre_m[:, :2] - ego_xy_m).T) < range_m
-    return near
+    apart_m = table.centre_m[:, :2] - ego_xy_m
+    return np.hypot(apart_m[:, 0], apart_m[:, 1]) < range_m
 
 
 def _seen(truth: TruthTable) -> Mask:
     """(M,) rows from the first to the last frame in which the object has a return."""
-    objects, index = np.unique(truth.id, return_inverse=True)
-    hit = truth.num_points != 0
-    first = np.full(len(objects), np.iinfo(np.int64).max)
-    last = np.full(len(objects), -1)
-    np.minimum.at(first, index[hit], truth.frame[hit])
-    np.maximum.at(last, index[hit], truth.frame[hit])
-    seen: Mask = (truth.frame >= first[index]) & (truth.frame <= last[index])
-    return seen
+    _, object_of = np.unique(truth.id, return_inverse=True)
+    first, last = clear.hit_span(object_of, truth.frame, truth.num_points != 0)
+    return (truth.frame >= first) & (truth.frame <= last)
 
 
 def _track_means(tracks: TrackTable) -> F64:
     """(N,) mean score of the track that each row belongs to."""
     _, index = np.unique(tracks.id, return_inverse=True)
     rows = np.maximum(np.bincount(index), 1)
-    means: F64 = (np.bincount(index, weights=tracks.score) / rows)[index]
-    return means
+    return (np.bincount(index, weights=tracks.score) / rows)[index]
 
 
 def _rows(table: BoxTable, label: str) -> BoxTable:
-    """The rows of one class, in order of their frame."""
+    """Return the rows of one class, in order of their frame."""
     rows = np.flatnonzero(table.label == label) if label else np.arange(len(table))
     return table.select(rows[np.argsort(table.frame[rows], kind="stable")])
 
 
-def scene_scores(result: SceneResult, cut: ScoreFilter, config: ScoreConfig) -> ClassScores:
-    """Figures of one scene and class; counts add up over scenes."""
-    pairs = scene_pairs(result, cut, config)
+def scene_scores(
+    result: SceneResult, score_filter: ScoreFilter, config: ScoreConfig
+) -> ClassScores:
+    """Return the metrics of one scene and class; their counts add up over scenes."""
+    pairs = scene_pairs(result, score_filter, config)
     near = pairs.within(config.gate)
     counts = clear.clear_counts(near, clear.associate(near))
-    return ClassScores(counts, identity.identity_counts(near), hota.hota_counts(pairs))
+    parts = identity.identity_counts(near), hota.hota_counts(pairs)
+    return ClassScores(counts, *parts, match_by=config.match_by)
 
 
-def _together(parts: Iterable[ClassScores]) -> ClassScores:
+def _class_scores(
+    results: Iterable[SceneResult], score_filter: ScoreFilter, config: ScoreConfig
+) -> ClassScores:
+    return _together((scene_scores(result, score_filter, config) for result in results), config)
+
+
+def _together(parts: Iterable[ClassScores], config: ScoreConfig) -> ClassScores:
     listed = list(parts)
     return ClassScores(
         clear.total(part.clear for part in listed),
         identity.total(part.identity for part in listed),
         hota.total(part.hota for part in listed),
+        match_by=config.match_by,
     )

@@ -7,7 +7,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from mottrack.datasets import DATASETS
-from mottrack.eval import METRICS
 from mottrack.flow import FLOWS
 from mottrack.objects import OBJECTS
 from mottrack.trackers import TRACKERS
@@ -17,7 +16,6 @@ TABLES = {
     "objects": OBJECTS,
     "flows": FLOWS,
     "trackers": TRACKERS,
-    "metrics": METRICS,
 }
 
 

@@ -1,1 +1,1 @@
-"""Files and texts that several rooms read or write. Imports core only."""
+"""File formats that data sets, evaluation and reports share, and the checks made on reading."""

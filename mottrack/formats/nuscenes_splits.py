@@ -4,10 +4,9 @@ Held here so that no devkit is needed; the oracle tests compare them with nuscen
 """
 
 from collections.abc import Collection, Iterable
-from difflib import get_close_matches
 from pathlib import Path
 
-from mottrack.core.errors import DataError, InputError
+from mottrack.core.errors import DataError, unknown_name
 from mottrack.formats.text_rows import read_lines
 
 _RANGES = {
@@ -43,22 +42,25 @@ SPLITS: tuple[str, ...] = ("train", *_RANGES)
 
 
 def split_scenes(split: str) -> tuple[str, ...]:
-    """Scene names of an official split, in ascending order.
+    """Return the scene names of an official split, in ascending order.
 
-    Raises InputError for a name that is no split, with the nearest that is.
+    Raises:
+        ConfigError: no split has that name.
     """
     if split not in SPLITS:
-        near = get_close_matches(split, SPLITS, n=1)
-        hint = f"; nearest: {near[0]}" if near else ""
-        raise InputError("split", split, f"one of {', '.join(SPLITS)}{hint}")
+        raise unknown_name("split", split, SPLITS)
     numbers = sorted(n for part in _UNIONS.get(split, (split,)) for n in _expand(_RANGES[part]))
     return tuple(f"scene-{n:04d}" for n in numbers)
 
 
 def resolve_split(split: str) -> tuple[str, ...]:
-    """Scene names of an official split, or those listed in a text file, one a line.
+    """Return the scene names of an official split, or those listed in a text file, one a line.
 
-    Blank lines and lines starting with # are skipped. Raises DataError for a file without names.
+    Blank lines and lines starting with # are skipped.
+
+    Raises:
+        ConfigError: neither a split nor a file has that name.
+        DataError: the file holds no names.
     """
     path = Path(split)
     if split in SPLITS or not path.is_file():
@@ -71,14 +73,14 @@ def resolve_split(split: str) -> tuple[str, ...]:
 
 
 def splits_of(scenes: Iterable[str]) -> dict[str, int]:
-    """How many of the scenes each official split holds; splits that hold none are left out."""
+    """Return how many of the scenes each official split holds, without those that hold none."""
     wanted = set(scenes)
     counts = {split: len(wanted.intersection(split_scenes(split))) for split in SPLITS}
     return {split: count for split, count in counts.items() if count}
 
 
 def best_split(scenes: Collection[str]) -> str | None:
-    """The smallest official split that holds all the scenes, or None."""
+    """Return the smallest official split that holds all the scenes, or None."""
     holding = [name for name, count in splits_of(scenes).items() if count == len(set(scenes))]
     return min(holding, key=lambda name: len(split_scenes(name)), default=None)
 

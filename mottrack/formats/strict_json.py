@@ -1,11 +1,11 @@
-"""JSON that every reader takes: it has no NaN and no infinity."""
+"""JSON without NaN and infinity, which the standard does not have."""
 
 import math
 from typing import Any
 
 
 def strict(value: Any) -> Any:
-    """The same structure of dicts and lists with None for every number that is not finite."""
+    """Return the same dicts and lists with None for every number that is not finite."""
     if isinstance(value, dict):
         return {key: strict(item) for key, item in value.items()}
     if isinstance(value, list):

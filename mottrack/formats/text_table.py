@@ -1,4 +1,4 @@
-"""A table of results that goes to a terminal, into CSV, Markdown and LaTeX alike."""
+"""A table of results, written for a terminal and as CSV, Markdown and LaTeX."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Column:
     signed: bool = False
 
     def text(self, cell: Cell) -> str:
-        """A cell as people read it; a number that does not exist is a dash."""
+        """Return a cell as people read it; a number that does not exist is a dash."""
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return MISSING
         if isinstance(cell, str | int):
@@ -67,7 +67,7 @@ class TextTable:
     note: str = ""
 
     def texts(self) -> list[list[str]]:
-        """The cells as people read them."""
+        """Return the cells as people read them."""
         return [
             [column.text(cell) for column, cell in zip(self.columns, row, strict=True)]
             for row in self.rows
@@ -75,7 +75,7 @@ class TextTable:
 
 
 def to_csv(table: TextTable) -> str:
-    """Comma separated values with all digits; what does not exist is empty."""
+    """Return comma separated values with all digits; what does not exist is empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([column.name for column in table.columns])
@@ -84,7 +84,7 @@ def to_csv(table: TextTable) -> str:
 
 
 def to_markdown(table: TextTable) -> str:
-    """A GitHub table under its title."""
+    """Return a GitHub table under its title."""
     head = [_markdown(column.name) for column in table.columns]
     rule = [":--" if _is_text(table, k) else "--:" for k in range(len(head))]
     rows = [[_markdown(cell) for cell in row] for row in table.texts()]
@@ -94,7 +94,7 @@ def to_markdown(table: TextTable) -> str:
 
 
 def to_latex(table: TextTable) -> str:
-    """A table in the style of the package booktabs, with its caption and label."""
+    """Return a table in the style of the package booktabs, with its caption and label."""
     align = "".join("l" if _is_text(table, k) else "r" for k in range(len(table.columns)))
     rows = [[column.name for column in table.columns], *table.texts()]
     lines = [" & ".join(latex(cell) for cell in row) + r" \\" for row in rows]
@@ -119,12 +119,12 @@ def to_latex(table: TextTable) -> str:
 
 
 def latex(text: str) -> str:
-    """The text with everything escaped that LaTeX would take for a command."""
+    """Return the text with everything escaped that LaTeX would take for a command."""
     return "".join(LATEX.get(character, character) for character in text)
 
 
 def write_tables(tables: Sequence[TextTable], folder: Path) -> None:
-    """Writes NAME.csv, NAME.md and NAME.tex of every table."""
+    """Write NAME.csv, NAME.md and NAME.tex of every table."""
     folder.mkdir(parents=True, exist_ok=True)
     for table in tables:
         write_text(folder / f"{table.name}.csv", to_csv(table))
@@ -133,7 +133,7 @@ def write_tables(tables: Sequence[TextTable], folder: Path) -> None:
 
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:
-    """Lines of as many cells each for a terminal: the first column to the left, others right."""
+    """Return lines of as many cells each for a terminal: the first column left, others right."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])

@@ -1,13 +1,12 @@
 """Convex polygons in the plane: area, clipping and hull, compiled.
 
 Beside shapely's vectorised functions (`benchmarks/polygons.py`) clipping of listed pairs is 80
-times as fast, and hulls four times; where single polygons are compared, shapely does it.
+times as fast, and hulls four times; where single polygons are compared, use shapely.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import shapely
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
@@ -89,14 +88,3 @@ def polygon_area(points: F64) -> float:
     """Return the signed area of a polygon (K, 2); positive when counter-clockwise."""
     x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
     return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-
-
-def shared_areas(polygon: F64, others: F64) -> F64:
-    """Return (M,) the area that a convex polygon (K, 2) shares with each of others (M, L, 2).
-
-    Of either orientation; in the square of their unit.
-    """
-    area: F64 = shapely.area(
-        shapely.intersection(shapely.Polygon(polygon), shapely.polygons(others))
-    )
-    return area

@@ -1,1 +1,1 @@
-"""The paper's tables, figures and claims, measured again."""
+"""Reproduction of the tables, figures and claims of the PillarFlow paper."""

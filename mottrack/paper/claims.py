@@ -1,4 +1,4 @@
-"""What the paper claims, and whether our runs bear it out: decided by the interval alone."""
+"""Claims of the paper and the verdict of our runs on them, from confidence intervals alone."""
 
 from __future__ import annotations
 
@@ -11,27 +11,20 @@ from mottrack.eval.velocity_error import OTHER
 from mottrack.paper.published import LABELS, NONE, PILLARFLOW, TABLES, Published
 
 Verdict = Literal["reproduced", "not reproduced", "reversed", "undecided", "not measured"]
-VERDICTS: tuple[Verdict, ...] = (
-    "reproduced",
-    "reversed",
-    "not reproduced",
-    "undecided",
-    "not measured",
-)
-MEANING = {
-    "reproduced": "the difference has the paper's sign and its 95 % interval excludes zero",
-    "reversed": "it has the other sign and its interval excludes zero",
-    "not reproduced": "the interval holds zero, and is narrow enough to exclude a relative "
-    "difference as large as the paper's",
-    "undecided": "the interval holds zero and the paper's relative difference alike, or there is "
-    "one scene only",
-    "not measured": "a run or a figure is missing; the note under its table says why",
+MEANING: dict[Verdict, str] = {
+    "reproduced": "the difference has the sign of the paper and its 95 % interval excludes zero",
+    "reversed": "it has the opposite sign and its interval excludes zero",
+    "not reproduced": "the interval contains zero and excludes the relative difference of the "
+    "paper",
+    "undecided": "the interval contains both zero and the relative difference of the paper, or "
+    "there is only one scene",
+    "not measured": "a run or a metric is missing; see the note of the table",
 }
 
 
 @dataclass(frozen=True)
 class Claim:
-    """The paper says that one method's figure is lower, or higher, than another's."""
+    """The claim that one method has a lower, or a higher, metric than another."""
 
     table: str
     source: str
@@ -42,11 +35,11 @@ class Claim:
     """Variant that the claim is about."""
     rival: str
     lower: bool
-    """Whether the subject's figure is said to be the lower one."""
+    """Whether the subject is claimed to have the lower value."""
     published: tuple[float, float] | None = None
-    """What the paper prints for subject and rival; None where it only says so."""
+    """What the paper prints for subject and rival; None for a claim in words."""
     digits: int = 3
-    """Behind the point, in print."""
+    """Printed digits after the decimal point."""
 
     @property
     def text(self) -> str:
@@ -57,29 +50,29 @@ class Claim:
 
     @property
     def printed(self) -> str:
-        """What the paper prints for subject and rival, as people read it."""
+        """Text of what the paper prints for subject and rival."""
         if self.published is None:
             return "in words"
         return ", ".join(f"{value:.{self.digits}f}" for value in self.published)
 
     @property
-    def praises(self) -> bool:
-        """Whether it says that PillarFlow is the better one; the paper's tables concede some."""
+    def favours_pillarflow(self) -> bool:
+        """Whether it says that PillarFlow is better; some tables of the paper say the opposite."""
         return self.subject == PILLARFLOW and self.lower == self.key.lower_is_better
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim and what became of it on one data set."""
+    """A claim and its verdict on one data set."""
 
     claim: Claim
     dataset: str
     verdict: Verdict
     paired: PairedDifference | None = None
-    """The subject against the rival; None where a run is missing."""
+    """Difference of the subject to the rival; None where a run is missing."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for claims.json."""
+        """Return plain data for claims.json."""
         claim, found = self.claim, self.paired
         plain: dict[str, Any] = {
             "claim": claim.text,
@@ -103,12 +96,12 @@ class Finding:
 
 
 def claims() -> list[Claim]:
-    """Every comparison that the paper's tables make, then what it says without figures."""
+    """Return every comparison that the tables of the paper make, then the claim in words."""
     return [*(claim for table in TABLES for claim in _claims_of(table)), _UNKNOWN_OBJECTS]
 
 
-def judge(claim: Claim, found: PairedDifference | None) -> Verdict:
-    """Holds a claim against the paired difference of subject minus rival."""
+def verdict_of(claim: Claim, found: PairedDifference | None) -> Verdict:
+    """Test a claim against the paired difference of subject minus rival."""
     if found is None:
         return "not measured"
     if found.low != found.low:
@@ -124,7 +117,7 @@ def judge(claim: Claim, found: PairedDifference | None) -> Verdict:
 
 def _claims_of(table: Published) -> Iterator[Claim]:
     for subject, rival in table.pairs:
-        for column, (heading, key) in enumerate(table.figures):
+        for column, (heading, key) in enumerate(table.columns):
             ours, theirs = table.printed(subject, column), table.printed(rival, column)
             if ours is None or theirs is None or ours == theirs:
                 continue
@@ -146,7 +139,7 @@ _UNKNOWN_OBJECTS = Claim(
     table="V-D",
     source="Section V-D and Metric 5 (a thrown ball), in words",
     study="velocity",
-    heading="movers that no detector knows, mean velocity error",
+    heading="unknown objects, mean velocity error",
     key=MetricKey("velocity", OTHER, "mean", "m/s"),
     subject=PILLARFLOW,
     rival=NONE,

@@ -1,4 +1,4 @@
-"""The paper's figures from what ran: stored snapshots and results, never a second run."""
+"""The figures of the paper, drawn from stored snapshots and results."""
 
 from __future__ import annotations
 
@@ -9,36 +9,33 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from mottrack.core.motion import FlowField
-from mottrack.core.objects import Tracks
-from mottrack.core.pose import Pose
-from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots
-from mottrack.core.sweep import Sweep
 from mottrack.paper.ball_figure import draw_ball
 from mottrack.paper.plan import WORLD
 from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
 from mottrack.paper.results import Results, StudyResult
-from mottrack.runs.run_folder import RunFolder
-from mottrack.viz.flow_comparison import flow_comparison
+from mottrack.runs.stored_scene import StoredScene
+from mottrack.viz.flow_comparison import FlowPanel, flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 
 TRUTH = "ground_truth"
 TITLES = {NONE: "without flow", PILLARFLOW: "with PillarFlow"}
-SCENES_SHOWN = 2
-DPI = 130
+SCENES_SHOWN = 2  # as in the paper
+DPI = 130  # legible at the width of a page, 0.2 MB per figure
+MOVING_MPS = 1.0
+"""Cells with more speed count when scenes are chosen: above the noise of every flow source."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that was drawn."""
+    """A drawn figure."""
 
     file: Path
     caption: str
 
 
 def draw_figures(results: Results, out: Path) -> list[Picture]:
-    """Draws every figure whose runs are there, as PNG files in ``out``."""
+    """Draw every figure whose runs exist as PNG files in ``out``."""
     out.mkdir(parents=True, exist_ok=True)
     pictures = []
     for name, (study, draw) in FIGURES.items():
@@ -59,11 +56,11 @@ def _flow_example(study: StudyResult) -> Drawn:
     if not scenes:
         return None
     shot = _last_snapshot(study, PILLARFLOW, scenes[0])
-    figure = flow_comparison([[(LABELS[PILLARFLOW], shot)]])
+    figure = flow_comparison([[FlowPanel(LABELS[PILLARFLOW], shot)]])
     caption = (
         "Figure 1, flow example. PillarFlow between two sweeps of the embedded world from above, "
-        f"scene {scenes[0]}, the one with most moving cells; the colour is the direction, no "
-        "detection is used."
+        f"scene {scenes[0]}, the one with most moving cells; colour is direction, no detections "
+        "are used."
     )
     return figure, caption
 
@@ -73,7 +70,10 @@ def _qualitative(study: StudyResult) -> Drawn:
     scenes = _busy_scenes(study, TRUTH, SCENES_SHOWN)
     if not scenes:
         return None
-    lines = [[(LABELS[v], _last_snapshot(study, v, scene)) for v in variants] for scene in scenes]
+    lines = [
+        [FlowPanel(LABELS[v], _last_snapshot(study, v, scene)) for v in variants]
+        for scene in scenes
+    ]
     caption = (
         "Figure 3, qualitative results. From left to right: true flow, ICP + Det., Binary OGM, "
         f"PillarFlow; scenes {' and '.join(scenes)}, those with most moving cells."
@@ -89,14 +89,13 @@ def _integration(study: StudyResult) -> Drawn:
     panels = []
     for variant in (NONE, PILLARFLOW):
         result = study.folders[variant].load(scene)
-        panels.append(
-            _panel(_capital(TITLES[variant]), result, _last_snapshot(study, variant, scene))
-        )
+        shot = _last_snapshot(study, variant, scene)
+        panels.append(IntegrationPanel(_capital(TITLES[variant]), result, shot))
     caption = (
         "Figure 4, tracker integration. Clusters and the fixed-lag smoother without velocities "
         f"and with PillarFlow's at the last frame of scene {scene}, the one with most clusters: "
-        "green lines are the flow of cells, red ones the velocities of tracks, each the way of one "
-        "second. What stands still should have no red line."
+        "green lines are the flow of cells, red ones the velocities of tracks, each as long as the "
+        "displacement in one second. Static objects should have no red line."
     )
     return draw_integration(panels), caption
 
@@ -105,11 +104,8 @@ def _ball(study: StudyResult) -> Drawn:
     scenes = _scenes(study, PILLARFLOW)
     if not scenes:
         return None
-    runs = {
-        TITLES[variant]: _loaded(study.folders[variant], scenes[0])
-        for variant in (NONE, PILLARFLOW)
-    }
-    drawn = draw_ball(runs)
+    folders = {TITLES[variant]: study.folders[variant].path for variant in (NONE, PILLARFLOW)}
+    drawn = draw_ball({t: StoredScene.load(path, scenes[0]) for t, path in folders.items()})
     if drawn is None:
         return None
     figure, told = drawn
@@ -129,19 +125,16 @@ FIGURES: dict[str, tuple[str, Callable[[StudyResult], Drawn]]] = {
 
 
 def _scenes(study: StudyResult, variant: str) -> list[str]:
-    """Scenes of which every run has kept snapshots, in order."""
+    """List the scenes of which every run has kept snapshots."""
     folder = study.folders.get(variant)
-    if folder is None:
-        return []
-    names = [f.name.removesuffix(".npz") for f in sorted(folder.path.glob("scenes/*.npz"))]
-    names = [name for name in names if not name.endswith(".snapshots")]
+    scenes = () if folder is None else folder.scenes
     folders = study.folders.values()
-    return [n for n in names if all(f.snapshots_file(n).exists() for f in folders)]
+    return [scene for scene in scenes if all(f.snapshots_file(scene).exists() for f in folders)]
 
 
 def _busy_scenes(study: StudyResult, variant: str, count: int) -> list[str]:
     shots = {scene: _last_snapshot(study, variant, scene) for scene in _scenes(study, variant)}
-    moving = {s: np.sum(np.hypot(*shot.velocity_mps.T) > 1.0) for s, shot in shots.items()}
+    moving = {s: np.sum(np.hypot(*shot.velocity_mps.T) > MOVING_MPS) for s, shot in shots.items()}
     return sorted(moving, key=lambda scene: (-moving[scene], scene))[:count]
 
 
@@ -151,47 +144,3 @@ def _last_snapshot(study: StudyResult, variant: str, scene: str) -> Snapshot:
 
 def _capital(text: str) -> str:
     return text[0].upper() + text[1:]
-
-
-def _loaded(folder: RunFolder, scene: str) -> tuple[SceneResult, list[Snapshot]]:
-    return folder.load(scene), load_snapshots(folder.snapshots_file(scene))
-
-
-def _panel(title: str, result: SceneResult, shot: Snapshot) -> IntegrationPanel:
-    pose = Pose.from_matrix(result.frames.world_T_ego[shot.frame])
-    stamp_ns = int(result.frames.stamp_ns[shot.frame])
-    sweep = Sweep(shot.xyz_m, np.zeros(len(shot.xyz_m), np.float32), stamp_ns, pose)
-    field = _field(shot, stamp_ns) if shot.valid.any() else None
-    return IntegrationPanel(title, sweep, _tracks(result, shot.frame, stamp_ns), field)
-
-
-def _field(shot: Snapshot, stamp_ns: int) -> FlowField:
-    occupied = np.zeros(shot.grid.shape, np.bool_)
-    valid, velocity = occupied.copy(), np.zeros((*shot.grid.shape, 2), np.float32)
-    rows, columns = shot.cells.T
-    occupied[rows, columns], valid[rows, columns] = True, shot.valid
-    velocity[rows, columns] = shot.velocity_mps
-    covariance = np.zeros((*shot.grid.shape, 2, 2), np.float32)
-    weight = occupied.astype(np.float32)
-    return FlowField(shot.grid, velocity, covariance, occupied, valid, weight, stamp_ns)
-
-
-def _tracks(result: SceneResult, frame: int, stamp_ns: int) -> Tracks:
-    rows = np.flatnonzero(result.tracks.frame == frame)
-    table = result.tracks.select(rows)
-    hulls = result.hulls
-    return Tracks(
-        stamp_ns=stamp_ns,
-        centre_m=table.centre_m,
-        size_m=table.size_m,
-        yaw_rad=table.yaw_rad,
-        label=table.label,
-        id=table.id,
-        score=table.score,
-        velocity_mps=table.velocity_mps,
-        velocity_covariance_m2ps2=table.velocity_covariance_m2ps2,
-        state=np.zeros((len(table), 1)),
-        covariance=np.ones((len(table), 1, 1)),
-        observed=table.observed,
-        hull=tuple(hulls[row] for row in rows),
-    )

@@ -1,4 +1,4 @@
-"""Writes everything: the page, its Markdown, the tables as CSV and LaTeX, claims.json, pictures."""
+"""Output of a reproduction: HTML page, Markdown, tables as CSV and LaTeX, claims.json, figures."""
 
 from __future__ import annotations
 
@@ -13,16 +13,23 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-import mottrack
+from mottrack._version import __version__
 from mottrack.core.storage import write_text
 from mottrack.formats.text_table import TextTable, to_csv, to_latex, to_markdown
-from mottrack.paper.ablations import ABLATIONS, ablation_weights
-from mottrack.paper.claims import MEANING, VERDICTS, Finding
+from mottrack.paper.claims import MEANING, Finding
 from mottrack.paper.figures import Picture, draw_figures
-from mottrack.paper.plan import Request
-from mottrack.paper.published import TABLES
-from mottrack.paper.results import Results
-from mottrack.paper.tables import beyond_table, claim_table, number, number_table, paper_table
+from mottrack.paper.plan import ABLATIONS, Request, ablation_weights
+from mottrack.paper.published import TABLES, Published
+from mottrack.paper.results import Results, StudyResult
+from mottrack.paper.tables import (
+    TableRow,
+    beyond_table,
+    claim_table,
+    number,
+    number_table,
+    paper_table,
+    table_rows,
+)
 from mottrack.runs.comparison_tables import METHOD
 
 STYLES = ("base.css", "parts.css")
@@ -33,15 +40,24 @@ SOURCE = "PillarFlow: End-to-end Birds-eye-view Flow Estimation for Autonomous D
 class Section:
     """One table and the claims drawn from it."""
 
-    shown: TextTable
-    numbers: TextTable
-    """The same with one line a cell."""
+    table: Published
+    result: StudyResult
     findings: list[Finding]
+
+    @property
+    def shown(self) -> TextTable:
+        """Our values and those of the paper, to read."""
+        return paper_table(self.table, self.result)
+
+    @property
+    def rows(self) -> list[TableRow]:
+        """The same as cells."""
+        return table_rows(self.table, self.result)
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """What is to say about one data set."""
+    """The results on one data set."""
 
     dataset: str
     title: str
@@ -51,7 +67,7 @@ class Chapter:
     not_run: dict[str, str]
     """Title of a table to why nothing of it could be run."""
     left_out: dict[str, str]
-    """Scenes that could not take part, and why."""
+    """Scenes that could not take part to the reason."""
 
     @property
     def in_words(self) -> list[Finding]:
@@ -60,22 +76,22 @@ class Chapter:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Verdict to how many claims have it."""
+        """Verdict to the number of claims that have it."""
         return _counts(self.findings)
 
     @property
     def summary(self) -> str:
         """The counts in two sentences."""
-        praise = [finding for finding in self.findings if finding.claim.praises]
+        favourable = [finding for finding in self.findings if finding.claim.favours_pillarflow]
         return (
-            f"{len(self.findings)} claims: {_listed(self.counts)}. Of these {len(praise)} say that "
-            f"PillarFlow is better: {_listed(_counts(praise))}"
+            f"{len(self.findings)} claims: {_listed(self.counts)}. {len(favourable)} of them say "
+            f"that PillarFlow is better: {_listed(_counts(favourable))}"
         )
 
 
 def _counts(findings: Sequence[Finding]) -> dict[str, int]:
     found = Counter(finding.verdict for finding in findings)
-    return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+    return {verdict: found[verdict] for verdict in MEANING if found[verdict]}
 
 
 def _listed(counts: dict[str, int]) -> str:
@@ -83,7 +99,7 @@ def _listed(counts: dict[str, int]) -> str:
 
 
 def write_paper(results: Results, request: Request) -> Iterator[str]:
-    """Writes all files into the folder of the request; yields lines for the terminal."""
+    """Write all files into the folder of the request; yield lines for the terminal."""
     out = request.out
     chapters = [_chapter(results, name, title) for name, title in results.datasets.items()]
     pictures = draw_figures(results, out / "figures")
@@ -100,7 +116,7 @@ def write_paper(results: Results, request: Request) -> Iterator[str]:
         "method": METHOD,
         "meaning": MEANING,
         "source": SOURCE,
-        "version": mottrack.__version__,
+        "version": __version__,
     }
     write_text(out / "paper.html", _page(content))
     write_text(out / "paper.md", _markdown(content))
@@ -110,7 +126,7 @@ def write_paper(results: Results, request: Request) -> Iterator[str]:
 
 
 def missing_rows(request: Request) -> list[str]:
-    """For every row of Table II without weights the command that trains them."""
+    """Return, for every row of Table II without weights, the command that trains them."""
     folder = request.ablation or Path("ablation")
     return [
         f"mottrack train train_{name} --out {folder / name}"
@@ -122,7 +138,6 @@ def missing_rows(request: Request) -> list[str]:
 def _chapter(results: Results, name: str, title: str) -> Chapter:
     pairs = [(table, results.find(name, table.study)) for table in TABLES]
     asked = [(table, study) for table, study in pairs if study is not None]
-    known = [(table, study) for table, study in asked if not study.study.reason]
     not_run = {
         f"Table {table.number}: {table.title}": study.study.reason
         for table, study in asked
@@ -130,15 +145,12 @@ def _chapter(results: Results, name: str, title: str) -> Chapter:
     }
     findings = results.findings(name)
     sections = [
-        Section(
-            paper_table(table, study),
-            number_table(table, study),
-            [f for f in findings if f.claim.table == table.number],
-        )
-        for table, study in known
+        Section(table, study, [f for f in findings if f.claim.table == table.number])
+        for table, study in asked
+        if not study.study.reason
     ]
-    beyond = beyond_table([t for t, _ in known], [s for _, s in known])
-    left_out = {s: why for _, study in known for s, why in study.study.left_out.items()}
+    beyond = beyond_table([s.table for s in sections], [s.result for s in sections])
+    left_out = {s: why for part in sections for s, why in part.result.study.left_out.items()}
     return Chapter(name, title, sections, findings, beyond, not_run, left_out)
 
 
@@ -147,7 +159,8 @@ def _write_tables(chapter: Chapter, folder: Path) -> None:
     claims = claim_table(chapter.findings, chapter.dataset)
     for table in (*(section.shown for section in chapter.sections), claims):
         write_text(folder / f"{table.name}.tex", to_latex(table))
-    for table in (*(section.numbers for section in chapter.sections), claims):
+    numbers = (number_table(section.table, section.result) for section in chapter.sections)
+    for table in (*numbers, claims):
         write_text(folder / f"{table.name}.csv", to_csv(table))
     write_text(folder / f"{chapter.beyond.name}_{chapter.dataset}.csv", to_csv(chapter.beyond))
 
@@ -172,7 +185,6 @@ def _page(content: dict[str, Any]) -> str:
     )
     environment.filters["data_url"] = _data_url
     environment.filters["number"] = number
-    environment.filters["slug"] = lambda text: text.replace(" ", "-")
     styles = files("mottrack.report").joinpath("templates", "css")
     style = "\n".join(styles.joinpath(name).read_text() for name in STYLES)
     return environment.get_template("paper.html.j2").render(**content, style=style)
@@ -183,9 +195,9 @@ def _data_url(picture: Picture) -> str:
 
 
 def _markdown(content: dict[str, Any]) -> str:
-    parts = [f"# The paper, measured again\n\n{content['source']}; mottrack {content['version']}."]
+    parts = [f"# Reproduction of the paper\n\n{content['source']}; mottrack {content['version']}."]
     if content["quick"]:
-        parts.append("A quick run: few and short scenes, wide intervals.")
+        parts.append("Quick run: few and short scenes, wide intervals.")
     for chapter in content["chapters"]:
         parts.append(f"## {chapter.title}\n\n{chapter.summary}. {METHOD}.")
         parts += [to_markdown(section.shown) for section in chapter.sections]
@@ -194,5 +206,5 @@ def _markdown(content: dict[str, Any]) -> str:
         if chapter.beyond.rows:
             parts.append(to_markdown(chapter.beyond))
     parts += [f"![{p.caption}](figures/{p.file.name})\n\n{p.caption}" for p in content["pictures"]]
-    parts += [f"Not measured for want of weights: `{command}`" for command in content["missing"]]
+    parts += [f"Not measured without weights: `{command}`" for command in content["missing"]]
     return "\n\n".join(parts) + "\n"

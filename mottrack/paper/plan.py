@@ -1,9 +1,9 @@
-"""What is asked for and what is run for it: the shipped plan, the request, a study."""
+"""The shipped plan of the studies, the user's request, a study, and the networks of Table II."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +12,27 @@ from pydantic import Field, ValidationError
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError
 from mottrack.experiment.configs import shipped_folder
-from mottrack.experiment.experiment import Experiment
+from mottrack.experiment.experiment import Experiment, compose
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.experiment.yaml_file import read_yaml
+from mottrack.flow.pillarflow.source import SHIPPED
 
 STUDIES = ("flow", "tracking", "velocity")
-"""What recorded data can serve; the embedded world also serves the ball and the runtimes."""
+"""Studies that recorded data can serve; the embedded world also serves the ball and runtimes."""
 WORLD = "world"
+ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
+"""Variants of Table II beside the shipped network."""
 
 
 class RecordedPlan(StrictModel):
     """How a recorded data set enters the studies."""
 
-    title: str = Field(description="its name in the report")
+    title: str = Field(description="name in the report")
     dataset: dict[str, Any] = Field(description="settings beside its root")
-    with_sweeps: dict[str, Any] = Field(default={}, description="further: only frames with sweeps")
-    scenes: int = Field(ge=1, description="at most so many, evenly spread")
+    with_sweeps: dict[str, Any] = Field(
+        default={}, description="further settings that restrict it to frames with sweeps"
+    )
+    scenes: int = Field(ge=1, description="maximum number of scenes, evenly spread")
     quick_scenes: int = Field(ge=1, description="the same for a quick run")
     quick: list[str] = Field(default=[], description="further overrides of a quick run")
 
@@ -35,7 +40,7 @@ class RecordedPlan(StrictModel):
 class Plan(StrictModel):
     """``configs/paper/plan.yaml``."""
 
-    quick: dict[str, list[str]] = Field(description="overrides of each study")
+    quick: dict[str, list[str]] = Field(description="overrides of each study in a quick run")
     recorded: dict[str, RecordedPlan] = Field(description="data sets by name")
 
 
@@ -45,12 +50,12 @@ class Request:
 
     out: Path
     quick: bool = False
-    roots: Mapping[str, Path] | None = None
+    roots: Mapping[str, Path] = field(default_factory=dict)
     """Recorded data set to its folder."""
     settings: Sequence[str] = ()
     """``NAME.key=value``: settings of recorded data sets, as in ``nuscenes.detections=FILE``."""
     ablation: Path | None = None
-    """Folder of weights for Table II, a sub-folder each."""
+    """Folder of weights for Table II with a sub-folder each."""
 
 
 @dataclass(frozen=True)
@@ -63,25 +68,25 @@ class Study:
     """Of the data set."""
     runs: tuple[Experiment, ...]
     left_out: dict[str, str] = field(default_factory=dict)
-    """Scenes that can't take part, and why."""
+    """Scenes that can't take part to the reason."""
     absent: dict[str, str] = field(default_factory=dict)
-    """Variants that are not run, and why."""
+    """Variants that are not run to the reason."""
     reason: str = ""
     """Why nothing of it is run; empty otherwise."""
 
     @property
     def folder(self) -> Path:
-        """Where its results are, below those of all runs."""
+        """Folder of its results below those of all runs."""
         return Path(self.dataset) / self.name
 
 
 def config_file(study: str) -> Path:
-    """The shipped configuration of a study, or of the plan."""
+    """Return the shipped configuration of a study, or the plan."""
     return shipped_folder() / "paper" / f"{study}.yaml"
 
 
 def read_plan() -> Plan:
-    """The shipped plan.
+    """Read the shipped plan.
 
     Raises:
         ConfigError: it is not well formed.
@@ -91,3 +96,31 @@ def read_plan() -> Plan:
         return Plan.model_validate(read_yaml(path))
     except ValidationError as error:
         raise ConfigError(f"{path}: {format_validation_error(error, Plan)}") from error
+
+
+def ablation_weights(name: str, folder: Path | None) -> str | None:
+    """Return the weights of a row of Table II: from the folder, else shipped ones, else None."""
+    if folder is not None and (folder / name / "weights.safetensors").is_file():
+        return str(folder / name / "weights.safetensors")
+    return name if (SHIPPED / f"{name}.safetensors").is_file() else None
+
+
+def ablation_runs(
+    tree: Mapping[str, Any], overrides: Sequence[str], folder: Path | None
+) -> list[Experiment]:
+    """Return the flow study's experiment with every network of Table II that has weights.
+
+    Raises:
+        ConfigError: a setting is wrong.
+    """
+    found = []
+    for name in ABLATIONS:
+        weights = ablation_weights(name, folder)
+        if weights is None:
+            continue
+        flow: dict[str, Any] = {"kind": "pillarflow", "weights": weights, "refined": False}
+        if name == "with_ground":
+            flow["stages"] = {"ground": {"enabled": False}}
+        run = compose({**tree, "flow": flow}, overrides, config_file("flow"))[0]
+        found.append(replace(run, variant=name))
+    return found

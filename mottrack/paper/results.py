@@ -1,37 +1,51 @@
-"""Runs the studies, picks up where it stopped, and samples every figure by scene."""
+"""Execution of the studies, with resumption, and resampling of every metric by scene."""
 
 from __future__ import annotations
 
+import json
+import os
+import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.bootstrap import draw
+from mottrack.core.storage import write_text
 from mottrack.eval.paired import (
     RESAMPLES,
     MetricKey,
     PairedDifference,
+    Pooled,
     Ratio,
     Sampled,
-    Variance,
+    draw,
     paired,
     sample,
+    variance,
 )
-from mottrack.eval.run_figures import Figures
-from mottrack.paper.claims import Finding, claims, judge
-from mottrack.paper.machine import machines, note_machine
+from mottrack.eval.run_metrics import RunMetrics
+from mottrack.paper.claims import Finding, claims, verdict_of
 from mottrack.paper.plan import Study
 from mottrack.runs.differences import Resamples, RunInput, sample_runs
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Job, RunReport, run_jobs
-from mottrack.runs.workers import Progress
+from mottrack.runs.workers import Progress, available_cores
 
 WARM_UP_FRAMES = 3
-"""The first flows of a scene pay for what is made once; they are left out of the runtime."""
+"""The first flows of a scene compile and allocate; they are left out of the runtime."""
 RUNTIME, BALL = "runtime", "ball"
+MACHINE_FILE = "machine.json"
+
+
+class FailedScene(NamedTuple):
+    """A scene of a run that failed."""
+
+    variant: str
+    scene: str
 
 
 @dataclass(frozen=True)
@@ -40,21 +54,21 @@ class StudyResult:
 
     study: Study
     sampling: Resamples
-    failed: dict[str, str]
-    """``variant/scene`` to the reason."""
+    failed: dict[FailedScene, str]
+    """Failed scenes to the reason."""
     folders: dict[str, RunFolder]
     """Variant to its results."""
 
     def sampled(self, variant: str, key: MetricKey) -> Sampled | None:
-        """A figure of one run on all resamples; None where it has not been measured."""
+        """Return a metric of one run on all resamples; None where it was not measured."""
         return self.sampling.figures.get(variant, {}).get(key)
 
     def paired(self, rival: str, subject: str, key: MetricKey) -> PairedDifference | None:
-        """Subject against rival; None where one of them has no such figure."""
-        sides = self.sampled(rival, key), self.sampled(subject, key)
-        if sides[0] is None or sides[1] is None:
+        """Return subject against rival; None where one of them lacks the metric."""
+        baseline, run = self.sampled(rival, key), self.sampled(subject, key)
+        if baseline is None or run is None:
             return None
-        found = paired(key, sides[0], sides[1])
+        found = paired(key, baseline, run)
         return found if found.difference == found.difference else None
 
 
@@ -64,10 +78,10 @@ class Results:
 
     studies: tuple[StudyResult, ...]
     machines: tuple[str, ...] = ()
-    """What the runtimes were measured on, and its load; several where a run was continued."""
+    """Machines that the runtimes were measured on; several where a run was resumed."""
 
     def find(self, dataset: str, study: str) -> StudyResult | None:
-        """One study; None where it was not asked for."""
+        """Return one study; None where it was not asked for."""
         found = [s for s in self.studies if (s.study.dataset, s.study.name) == (dataset, study)]
         return found[0] if found else None
 
@@ -78,52 +92,47 @@ class Results:
 
     @property
     def failed(self) -> dict[str, str]:
-        """Everything that failed, and why."""
+        """``study/variant/scene`` of every failed scene to the reason."""
         return {
-            f"{s.study.folder}/{name}": reason
+            f"{s.study.folder}/{failed.variant}/{failed.scene}": reason
             for s in self.studies
-            for name, reason in s.failed.items()
+            for failed, reason in s.failed.items()
         }
 
     def findings(self, dataset: str) -> list[Finding]:
-        """Every claim against the runs on one data set, but for studies that could not be run."""
+        """Test every claim on one data set, except those of studies that could not be run."""
         found = []
         for claim in claims():
             study = self.find(dataset, claim.study)
             if study is not None and not study.study.reason:
                 difference = study.paired(claim.rival, claim.subject, claim.key)
-                found.append(Finding(claim, dataset, judge(claim, difference), difference))
+                found.append(Finding(claim, dataset, verdict_of(claim, difference), difference))
         return found
 
 
 def run_studies(
     studies: Sequence[Study], out: Path, *, workers: int, progress: Progress
 ) -> Results:
-    """Runs every scene of every study that has no result yet; the runtime study last and alone.
+    """Run every scene of every study that has no result yet; the runtime study last and alone.
 
     Raises:
         ConfigError: a folder belongs to another configuration, other weights or other code.
     """
     together = [study for study in studies if study.name != RUNTIME]
     reports = _run(together, out, workers, progress)
-    machines_found: list[str] = []
+    machines: list[str] = []
     for study in studies:
         if study.name == RUNTIME:
-            reports |= _run_alone(study, out, progress)
-            machines_found += machines(out / study.folder)
-    found = tuple(_result(study, out, reports) for study in studies)
-    return Results(found, tuple(machines_found))
+            folder = out / study.folder
+            timed = _run([study], out, 1, progress)
+            if any(report.resumed < len(report.finished) for report in timed.values()):
+                _record_machine(folder)
+            machines += _machines(folder)
+            reports |= timed
+    return Results(tuple(_result(study, out, reports) for study in studies), tuple(machines))
 
 
 Reports = dict[tuple[Path, str], RunReport]
-
-
-def _run_alone(study: Study, out: Path, progress: Progress) -> Reports:
-    """Timed runs: one process, nothing of ours beside it."""
-    reports = _run([study], out, 1, progress)
-    if any(report.resumed < len(report.finished) for report in reports.values()):
-        note_machine(out / study.folder)
-    return reports
 
 
 def _run(studies: Sequence[Study], out: Path, workers: int, progress: Progress) -> Reports:
@@ -142,7 +151,7 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
     folders = {run.variant: RunFolder(out / study.folder / run.variant) for run in study.runs}
     own = {run.variant: reports[study.folder, run.variant] for run in study.runs}
     failed = {
-        f"{variant}/{scene}": reason
+        FailedScene(variant, scene): reason
         for variant, report in own.items()
         for scene, reason in report.failed.items()
     }
@@ -163,33 +172,62 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
 def _sampling(name: str, run_inputs: Sequence[RunInput]) -> Resamples:
     if not run_inputs or name == BALL:
         return Resamples(())
-    return sample_times(run_inputs) if name == RUNTIME else sample_runs(run_inputs)
+    return _sample_times(run_inputs) if name == RUNTIME else sample_runs(run_inputs)
 
 
-def sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
-    """Mean and variance of the flow's time of every run, resampled by scene."""
+def _sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
     first = run_inputs[0].finished
     scenes = tuple(s for s in first if all(s in c.finished for c in run_inputs))
     weights = draw(max(len(scenes), 1), RESAMPLES)
-    figures = {c.title: _times([c.load(s) for s in scenes], weights) for c in run_inputs}
+    figures = {c.title: flow_times([c.load(s) for s in scenes], weights) for c in run_inputs}
     return Resamples(scenes, figures)
 
 
-def _times(results: Sequence[SceneResult], weights: np.ndarray) -> Figures:
+def flow_times(results: Sequence[SceneResult], weights: I64) -> RunMetrics:
+    """Return mean and variance of the wall time of the flow on every resample of the scenes.
+
+    Args:
+        results: S scenes with timings.
+        weights: (B, S) how often each scene counts in each resample.
+    """
     parts = [_flow_ms(result) for result in results]
-    count, total, squares = (
-        np.array([f(part) for part in parts], np.float64)
-        for f in (len, np.sum, lambda part: (part**2).sum())
-    )
+    count = np.array([len(part) for part in parts], np.float64)
+    total = np.array([part.sum() for part in parts])
+    squares = np.array([(part**2).sum() for part in parts])
+    mean, spread = Ratio(total, count), Pooled(variance, (total, squares, count))
     return {
-        MetricKey(RUNTIME, "flow", "mean", "ms"): sample(Ratio(total, count), weights),
-        MetricKey(RUNTIME, "flow", "variance", "ms²"): sample(
-            Variance(total, squares, count), weights
-        ),
+        MetricKey(RUNTIME, "flow", "mean", "ms"): sample(mean, weights),
+        MetricKey(RUNTIME, "flow", "variance", "ms²"): sample(spread, weights),
     }
 
 
-def _flow_ms(result: SceneResult) -> np.ndarray:
-    """(K,) milliseconds of the flows of a scene after the first few."""
+def _flow_ms(result: SceneResult) -> F64:
+    """Return (K,) milliseconds of the flows of a scene after warming up."""
     seconds = result.timings_s.get("flow", np.zeros(0))
     return 1e3 * seconds[seconds > 0][WARM_UP_FRAMES:]
+
+
+def _record_machine(folder: Path) -> None:
+    """Add this machine to those on which the results in a folder were timed."""
+    import torch
+
+    device = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no GPU"
+    load = f"; load {os.getloadavg()[0]:.1f} at the end" if os.name == "posix" else ""
+    mine = f"{_processor()}, {available_cores()} cores, {device}{load}"
+    known = [machine for machine in _machines(folder) if machine != mine]
+    write_text(folder / MACHINE_FILE, json.dumps([*known, mine], indent=1) + "\n")
+
+
+def _machines(folder: Path) -> list[str]:
+    """Return the machines on which the results in a folder were timed, as far as recorded."""
+    path = folder / MACHINE_FILE
+    return [str(text) for text in json.loads(path.read_text())] if path.is_file() else []
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    fields = (
+        (line.partition(":") for line in info.read_text().splitlines()) if info.is_file() else ()
+    )
+    names = [value.strip() for name, _, value in fields if name.strip() == "model name"]
+    return names[0] if names else platform.processor() or platform.machine()

@@ -1,96 +1,113 @@
-"""Our tables beside the paper's."""
+"""Our values beside those of the paper, as tables."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from mottrack.eval.paired import Sampled, t_interval
 from mottrack.formats.text_table import Cell, Column, TextTable
-from mottrack.paper.ablations import ABLATIONS
 from mottrack.paper.claims import Finding
+from mottrack.paper.plan import ABLATIONS
 from mottrack.paper.published import LABELS, Published
 from mottrack.paper.results import StudyResult
 
 ABSENT, LEFT_OUT = "not measured", "–"
 LARGE = 20.0
-NOTHING = "there is nothing of the kind in these scenes"
+"""From here on one decimal: three would pretend a precision that times and errors do not have."""
+NOTHING = "these scenes have no such object or cell"
 NO_WEIGHTS = "there are no weights"
+NAN = float("nan")
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One cell: ours with its interval, and the paper's."""
+    """One cell: our value with its interval, and the value of the paper."""
 
     variant: str
     heading: str
     value: float
-    reach: float
-    """Half the width of the 95 % interval; NaN where there is none."""
+    half_width: float
+    """Of the 95 % interval; NaN where there is none."""
     printed: float | None
+    """By the paper."""
     scenes: int
     digits: int
-    """Of what the paper prints, behind the point."""
+    """Printed digits of the paper after the decimal point."""
     left_out: bool = False
-    """Whether the paper prints nothing here, on purpose: nor do we."""
+    """Whether the paper prints nothing here on purpose, and neither do we."""
 
     @property
     def absent(self) -> bool:
-        """Whether there should be a figure, and is none."""
+        """Whether a value is missing."""
         return self.value != self.value and not self.left_out
 
     @property
-    def text(self) -> str:
-        """As people read it."""
+    def ours(self) -> str:
+        """Text of our value."""
         if self.left_out:
             return LEFT_OUT
         if self.absent:
-            ours = ABSENT
-        elif self.reach != self.reach:
-            ours = number(self.value)
-        else:
-            ours = f"{number(self.value)} ± {number(self.reach)}"
-        return ours if self.printed is None else f"{ours} (paper {self.printed:.{self.digits}f})"
+            return ABSENT
+        if self.half_width != self.half_width:
+            return number(self.value)
+        return f"{number(self.value)} ± {number(self.half_width)}"
+
+    @property
+    def papers(self) -> str:
+        """Text of the value of the paper; empty where it prints none."""
+        return "" if self.printed is None else f"(paper {self.printed:.{self.digits}f})"
+
+    @property
+    def text(self) -> str:
+        """Both in one cell."""
+        return " ".join(filter(None, (self.ours, self.papers)))
+
+
+class TableRow(NamedTuple):
+    """A row of a table as it is printed."""
+
+    name: str
+    cells: tuple[Measured, ...]
 
 
 def number(value: float, sign: str = "") -> str:
-    """Three digits behind the point, or one for what is large; with its sign for ``+``."""
+    """Print three decimals, or one for large values; with its sign if ``sign`` is ``"+"``."""
     return f"{value:{sign}.{3 if abs(value) < LARGE else 1}f}"
 
 
 def measure(table: Published, result: StudyResult) -> list[list[Measured]]:
-    """A line a method, a cell a figure."""
+    """Return one list of cells per method, with a cell per metric."""
     return [
         [
             _measured(variant, column, table, result.sampled(variant, key))
-            for column, (_, key) in enumerate(table.figures)
+            for column, (_, key) in enumerate(table.columns)
         ]
         for variant in _present(table, result)
     ]
 
 
-def paper_table(table: Published, result: StudyResult) -> TextTable:
-    """Ours and the paper's in one cell, for people."""
+def table_rows(table: Published, result: StudyResult) -> list[TableRow]:
+    """Return the rows of a table: methods, or metrics where the paper has methods in columns."""
     lines = measure(table, result)
-    names = [LABELS[line[0].variant] for line in lines]
-    headings = [heading for heading, _ in table.figures]
-    rows: list[tuple[Cell, ...]] = [
-        (name, *(cell.text for cell in line)) for name, line in zip(names, lines, strict=True)
-    ]
-    columns = ("method", *headings)
-    if not table.upright:
-        turned = zip(*lines, strict=True)
-        rows = [
-            (heading, *(cell.text for cell in cells))
-            for heading, cells in zip(headings, turned, strict=True)
-        ]
-        columns = ("figure", *names)
-    title = f"Table {table.number}: {table.title}"
+    if table.methods_in_rows:
+        return [TableRow(LABELS[line[0].variant], tuple(line)) for line in lines]
+    return [TableRow(cells[0].heading, cells) for cells in zip(*lines, strict=True)]
+
+
+def paper_table(table: Published, result: StudyResult) -> TextTable:
+    """Return a table with our values and those of the paper, to read."""
+    rows = table_rows(table, result)
+    if table.methods_in_rows:
+        headings = ["method", *(cell.heading for cell in rows[0].cells)]
+    else:
+        headings = ["metric", *(LABELS[cell.variant] for cell in rows[0].cells)]
     return TextTable(
         f"table_{table.number}_{result.study.dataset}",
-        title,
-        tuple(Column(name) for name in columns),
-        tuple(rows),
+        f"Table {table.number}: {table.title}",
+        tuple(Column(name) for name in headings),
+        tuple((row.name, *(cell.text for cell in row.cells)) for row in rows),
         " ".join(filter(None, (_scenes(result), table.note, _absences(table, result)))),
     )
 
@@ -103,7 +120,7 @@ def _scenes(result: StudyResult) -> str:
 
 
 def _absences(table: Published, result: StudyResult) -> str:
-    """Why runs and figures are missing, in sentences."""
+    """Say which runs and metrics are missing, and why."""
     reasons: dict[str, list[str]] = {}
     for variant in table.variants:
         if variant not in result.sampling.figures:
@@ -117,53 +134,43 @@ def _absences(table: Published, result: StudyResult) -> str:
 
 
 def _reason(variant: str, result: StudyResult) -> str:
-    """Why a run is missing."""
+    """Say why a run is missing."""
     if variant in result.study.absent:
         return result.study.absent[variant]
-    failed = [why for name, why in result.failed.items() if name.startswith(f"{variant}/")]
+    failed = [why for scene, why in result.failed.items() if scene.variant == variant]
     if failed:
         return f"failed: {failed[0]}"
     return NO_WEIGHTS if variant in ABLATIONS else "not run"
 
 
 def number_table(table: Published, result: StudyResult) -> TextTable:
-    """The same as numbers, one line a cell, for programs."""
-    columns = ("method", "figure", "value", "low", "high", "paper", "scenes")
+    """Return the same as numbers, one row per cell, for programs."""
+    columns = ("method", "metric", "value", "low", "high", "paper", "scenes")
     rows: list[tuple[Cell, ...]] = []
     for line in measure(table, result):
         for cell in line:
-            ends = (cell.value - cell.reach, cell.value + cell.reach)
+            ends = (cell.value - cell.half_width, cell.value + cell.half_width)
             names = (LABELS[cell.variant], cell.heading)
             rows.append((*names, cell.value, *ends, cell.printed, cell.scenes))
     name = f"table_{table.number}_{result.study.dataset}"
     return TextTable(name, table.title, tuple(Column(c) for c in columns), tuple(rows))
 
 
+_DIFFERENCE = tuple(Column(name, signed=True) for name in ("difference", "low", "high"))
+
+
 def claim_table(findings: Sequence[Finding], dataset: str) -> TextTable:
-    """Every claim with its verdict."""
-    columns = (
-        Column("claim"),
-        Column("paper"),
-        Column("ours"),
-        Column("difference", signed=True),
-        Column("low", signed=True),
-        Column("high", signed=True),
-        Column("verdict"),
-        Column("source"),
-    )
+    """Return every claim with its verdict."""
+    first = (Column("claim"), Column("paper"), Column("ours"))
+    columns = (*first, *_DIFFERENCE, Column("verdict"), Column("source"))
     rows = tuple(_claim_row(finding) for finding in findings)
-    return TextTable(f"claims_{dataset}", "The paper's claims", columns, rows)
+    return TextTable(f"claims_{dataset}", "Claims of the paper", columns, rows)
 
 
 def beyond_table(tables: Sequence[Published], results: Sequence[StudyResult]) -> TextTable:
-    """Rows that the paper has not, against the first row of the same table."""
-    columns = (
-        *(Column(name) for name in ("table", "method", "against", "figure", "value")),
-        Column("difference", signed=True),
-        Column("low", signed=True),
-        Column("high", signed=True),
-        Column("real"),
-    )
+    """Return rows that the paper does not have, compared with the first row of the same table."""
+    first = (Column(name) for name in ("table", "method", "against", "metric", "value"))
+    columns = (*first, *_DIFFERENCE, Column("verdict"))
     rows = tuple(row for t, r in zip(tables, results, strict=True) for row in _beyond(t, r))
     return TextTable("beyond_the_paper", "Beyond the paper", columns, rows)
 
@@ -171,12 +178,12 @@ def beyond_table(tables: Sequence[Published], results: Sequence[StudyResult]) ->
 def _beyond(table: Published, result: StudyResult) -> Iterator[tuple[Cell, ...]]:
     first = next(iter(table.values))
     for variant in table.extra:
-        for heading, key in table.figures:
+        for heading, key in table.columns:
             found = result.paired(first, variant, key)
             if found is not None:
-                real = {True: "better", False: "worse", None: "not shown"}[found.better]
+                verdict = {True: "better", False: "worse", None: "not significant"}[found.better]
                 names = (table.number, LABELS[variant], LABELS[first], heading)
-                yield (*names, found.value, found.difference, found.low, found.high, real)
+                yield (*names, found.value, found.difference, found.low, found.high, verdict)
 
 
 def _claim_row(finding: Finding) -> tuple[Cell, ...]:
@@ -189,23 +196,17 @@ def _claim_row(finding: Finding) -> tuple[Cell, ...]:
 
 
 def _present(table: Published, result: StudyResult) -> list[str]:
-    """The paper's rows, measured or not, and those of ours that were."""
-    extra = [v for v in (*table.extra, *_alike(table)) if v in result.sampling.figures]
-    return [*table.values, *extra]
-
-
-def _alike(table: Published) -> tuple[str, ...]:
-    """PWCNet trained as briefly as its rivals, where there are such weights."""
-    return tuple(v for v in ABLATIONS if v not in table.values) if table.number == "II" else ()
+    """Return the rows of the paper, measured or not, and our rows that were measured."""
+    networks = [v for v in ABLATIONS if v not in table.values] if table.number == "II" else []
+    return [*table.values, *(v for v in (*table.extra, *networks) if v in result.sampling.figures)]
 
 
 def _measured(variant: str, column: int, table: Published, sampled: Sampled | None) -> Measured:
-    heading, printed = table.figures[column][0], table.printed(variant, column)
+    heading, printed = table.columns[column].heading, table.printed(variant, column)
     left_out = printed is None and variant in table.values
     if sampled is None or left_out:
-        nothing = float("nan")
-        return Measured(variant, heading, nothing, nothing, printed, 0, table.digits, left_out)
+        return Measured(variant, heading, NAN, NAN, printed, 0, table.digits, left_out)
     scenes = int(sampled.present.sum())
     _, high = t_interval(sampled.value, sampled.draws, scenes)
-    reach = high - sampled.value
-    return Measured(variant, heading, sampled.value, reach, printed, scenes, table.digits)
+    half = high - sampled.value
+    return Measured(variant, heading, sampled.value, half, printed, scenes, table.digits)

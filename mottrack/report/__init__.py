@@ -1,1 +1,1 @@
-"""The report: one HTML file that needs no network."""
+"""HTML report of a comparison in one file that works offline."""

@@ -1,9 +1,9 @@
-"""What the report draws of a run beyond its scores: curves, distributions, kinds of error."""
+"""Data behind the plots of one run: recall curves, error distributions, error types, timing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,10 @@ import numpy as np
 from mottrack.core.arrays import F64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy, classify_errors
-from mottrack.eval.nuscenes.from_results import prepare_results, rules_for
-from mottrack.eval.nuscenes.levels import Curves
-from mottrack.eval.nuscenes.summary import evaluate_prepared
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold
+from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
+from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
+from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold, scored_part
 from mottrack.eval.velocity_error import (
     VelocityErrorConfig,
     VelocitySamples,
@@ -26,78 +25,85 @@ from mottrack.report.timing import Timing
 from mottrack.runs.comparison import ScoredRun
 
 CURVES = ("mota", "precision", "motp", "ids")
-SHARES = np.linspace(0.0, 1.0, 101)
-"""The quantiles by which a distribution is drawn."""
+QUANTILES = np.linspace(0.0, 1.0, 101)
+"""Quantiles by which a distribution is drawn: whole per cent, finer than a pixel of the plot."""
+Curve = dict[str, list[float | None]]
+"""Columns of a recall curve by name."""
+
+
+@dataclass(frozen=True)
+class ClassAnalysis:
+    """What is known class by class; empty where matching is not class-aware."""
+
+    curves: dict[str, Curve] = field(default_factory=dict)
+    """Class to its recall curves."""
+    error_classes: dict[str, ClassErrors] = field(default_factory=dict)
+    filters: tuple[ScoreFilter, ...] = (ScoreFilter(""),)
+    """The boxes that the error counts are about."""
+
+    @classmethod
+    def of(
+        cls, results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
+    ) -> ClassAnalysis:
+        """Evaluate the classes by the official rules."""
+        if not labels:
+            return cls()
+        rules = rules_for(labels)
+        try:
+            prepared = prepare_results(results, rules)
+        except InputError:  # no box of truth or of tracks is in range: there are no curves
+            return cls()
+        found = evaluate_prepared(prepared, rules).curves
+        filters = tuple(
+            ScoreFilter(label, best_threshold(found[label], config), range_m)
+            for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
+        )
+        curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
+        return cls(curves, classify_errors(prepared, rules), filters)
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """What the report draws of one run."""
+    """Data behind the plots of one run."""
 
-    curves: dict[str, dict[str, list[float | None]]]
-    """Class to the points of its recall curves; empty where classes are not told apart."""
-    anatomy: dict[str, ClassAnatomy]
+    classes: ClassAnalysis
     velocity: dict[str, list[float]]
     """Category to the quantiles of its velocity error, m/s."""
-    cuts: tuple[ScoreFilter, ...]
-    """Which boxes the counts of errors are about."""
     timing: Timing | None
 
     @classmethod
     def of(cls, run: ScoredRun) -> Analysis:
-        """Reads the run's results once."""
+        """Analyse the stored results of a run."""
         stored = [run.folder.load(scene) for scene in run.report.finished]
-        results = [result.where_labelled() for result in stored]
         config = run.experiment.settings.scores
-        curves, anatomy, cuts = _by_class(results, list(run.scores.classes), config)
-        velocity = _velocity(results, config.velocity)
-        return cls(curves, anatomy, velocity, cuts, Timing.of(stored))
+        results = [scored_part(result, config) for result in stored]
+        classes = ClassAnalysis.of(results, list(run.scores.classes), config)
+        parts = [scored_part(result, config, truth=False) for result in stored]
+        return cls(classes, _velocity(parts, config.velocity), Timing.of(stored))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data for the page's scripts."""
+        """Return plain data for the scripts of the page."""
         return {
-            "curves": self.curves,
-            "anatomy": {label: part.counts for label, part in self.anatomy.items()},
+            "curves": self.classes.curves,
+            "error_classes": {
+                label: part.counts for label, part in self.classes.error_classes.items()
+            },
             "velocity": self.velocity,
-            "timing": self.timing and vars(self.timing),
         }
 
 
-def _by_class(
-    results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
-) -> tuple[
-    dict[str, dict[str, list[float | None]]], dict[str, ClassAnatomy], tuple[ScoreFilter, ...]
-]:
-    everything = (ScoreFilter(""),)
-    if not labels:
-        return {}, {}, everything
-    rules = rules_for(labels)
-    try:
-        prepared = prepare_results(results, rules)
-    except InputError:  # nothing in range on one side: there are no curves to draw
-        return {}, {}, everything
-    found = evaluate_prepared(prepared, rules).curves
-    cuts = tuple(
-        ScoreFilter(label, best_threshold(found[label], config), range_m)
-        for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
-    )
-    curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
-    return curves, classify_errors(prepared, rules), cuts
-
-
 def _reached(curve: Curves) -> Mask:
-    reached: Mask = ~np.isnan(curve["confidence"])
-    return reached
+    return ~np.isnan(curve["confidence"])
 
 
-def _curve(curve: Curves) -> dict[str, list[float | None]]:
-    """The reached levels, the lowest recall first."""
+def _curve(curve: Curves) -> Curve:
+    """Return the recall levels that were reached, the lowest first."""
     rows = np.flatnonzero(_reached(curve))[::-1]
     hits = curve["tp"] + curve["ids"]
     with np.errstate(invalid="ignore", divide="ignore"):
         precision = hits / (hits + curve["fp"])
-    columns = {**curve, "precision": precision, "asked": curve["recall_hypo"]}
-    return {name: _plain(columns[name][rows]) for name in ("asked", "confidence", *CURVES)}
+    columns = {**curve, "precision": precision, "requested": curve["recall_hypo"]}
+    return {name: _plain(columns[name][rows]) for name in ("requested", *CURVES)}
 
 
 def _velocity(
@@ -107,7 +113,7 @@ def _velocity(
     declared = {name for result in results for name in result.classes}
     masks = category_masks(samples, config, declared)
     return {
-        row: np.quantile(samples.error_mps[mask], SHARES).round(4).tolist()
+        row: np.quantile(samples.error_mps[mask], QUANTILES).round(4).tolist()
         for row, mask in masks.items()
         if mask.any()
     }

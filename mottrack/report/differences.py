@@ -1,139 +1,134 @@
-"""Paired differences as rows of a forest plot: the difference, its interval, whether it is real."""
+"""Paired differences between runs as a forest plot: difference, confidence interval, verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
-from mottrack.eval.paired import PairedDifference
+from mottrack.eval.paired import MetricKey, PairedDifference
+from mottrack.eval.velocity_error import CATEGORIES
 from mottrack.report.ranking import ReportRun
 from mottrack.runs.differences import RunDifferences
 
+Verdict = Literal["better", "worse", "not significant", "too few scenes"]
+STATIC, VULNERABLE, STATIONARY, SLOW, FAST = CATEGORIES
+MARGIN_PERCENT = 2.0
+"""Free width at either end of the plot, so that the end of an interval is not cut off."""
+
+
+class ShownDifference(NamedTuple):
+    """How the page presents the differences of one metric."""
+
+    name: str
+    detail: str = ""
+    """The subset of the data, in brackets after the name."""
+    official: bool = False
+    """Whether nuScenes defines a metric of that name that differs from the one of all boxes."""
+    is_count: bool = False
+    """Whether it is a count, printed without decimals."""
+
+    @property
+    def title(self) -> str:
+        """Name and detail."""
+        return f"{self.name} ({self.detail})" if self.detail else self.name
+
+
 SHOWN = {
-    ("tracking", "all", "AMOTA"): "AMOTA",
-    ("tracking", "all", "AMOTP"): "AMOTP",
-    ("tracking", "all", "MOTA"): "official MOTA",
-    ("tracking", "all", "MOTP"): "official MOTP",
-    ("tracking", "all", "IDS"): "identity switches",
-    ("velocity", "all", "mean"): "velocity error (all)",
-    ("velocity", "all", "worst 5 %"): "velocity error (worst 5 %)",
-    ("velocity", "static objects", "mean"): "velocity error (static objects)",
-    ("velocity", "pedestrian & cyclist", "mean"): "velocity error (pedestrian & cyclist)",
-    ("velocity", "objects observed stationary", "mean"): "velocity error (stationary objects)",
-    ("velocity", "slow (0, 3] m/s", "mean"): "velocity error (slow)",
-    ("velocity", "fast [3, inf) m/s", "mean"): "velocity error (fast)",
-    ("flow", "dynamic", "RMSE"): "flow RMSE (moving cells)",
-    ("flow", "static", "RMSE"): "flow RMSE (standing cells)",
+    MetricKey("tracking", "all", "AMOTA"): ShownDifference("AMOTA"),
+    MetricKey("tracking", "all", "AMOTP"): ShownDifference("AMOTP"),
+    MetricKey("tracking", "all", "MOTA"): ShownDifference("MOTA", official=True),
+    MetricKey("tracking", "all", "MOTP"): ShownDifference("MOTP", official=True),
+    MetricKey("tracking", "all", "IDS"): ShownDifference("identity switches", is_count=True),
+    MetricKey("velocity", "all", "mean"): ShownDifference("velocity error", "all"),
+    MetricKey("velocity", "all", "worst 5 %"): ShownDifference("velocity error", "worst 5 %"),
+    MetricKey("velocity", STATIC, "mean"): ShownDifference("velocity error", "unlabelled tracks"),
+    MetricKey("velocity", VULNERABLE, "mean"): ShownDifference("velocity error", VULNERABLE),
+    MetricKey("velocity", STATIONARY, "mean"): ShownDifference(
+        "velocity error", "stationary objects"
+    ),
+    MetricKey("velocity", SLOW, "mean"): ShownDifference("velocity error", "slow"),
+    MetricKey("velocity", FAST, "mean"): ShownDifference("velocity error", "fast"),
+    MetricKey("flow", "dynamic", "RMSE"): ShownDifference("flow RMSE", "dynamic cells"),
+    MetricKey("flow", "static", "RMSE"): ShownDifference("flow RMSE", "static cells"),
 }
-COUNTED = "IDS"
+
+
+def verdict(row: PairedDifference) -> Verdict:
+    """Say whether a run is significantly better or worse than its baseline."""
+    if row.low != row.low:
+        return "too few scenes"
+    if row.better is None:
+        return "not significant"
+    return "better" if row.better else "worse"
 
 
 @dataclass(frozen=True)
 class Whisker:
-    """One run's difference to the baseline, in percent of the width of its plot."""
+    """The difference of one run to the baseline and its interval, on the scale of the plot."""
 
-    entrant: ReportRun
+    run: ReportRun
     row: PairedDifference
-    low: float
-    middle: float
-    high: float
+    shown: ShownDifference
+    percent_per_unit: float
+    """Width of the plot per unit of the metric; negative where lower is better."""
 
     @property
-    def known(self) -> bool:
-        """Whether there are scenes enough for an interval."""
-        return self.row.low == self.row.low
+    def verdict(self) -> Verdict:
+        """Whether the difference is significant."""
+        return verdict(self.row)
 
-    @property
-    def verdict(self) -> str:
-        """How it stands to the baseline: better, worse or alike; empty where it is not known."""
-        return (
-            {True: "better", False: "worse", None: "alike"}[self.row.better] if self.known else ""
-        )
+    def place(self, difference: float) -> float:
+        """Return the place of a difference in per cent of the plot's width."""
+        return 50.0 + self.percent_per_unit * difference
 
-    @property
-    def words(self) -> str:
-        """The verdict as the table says it."""
-        return WORDS[self.verdict]
-
-    @property
-    def value_text(self) -> str:
-        """The run's own figure."""
-        return _number(self.row, self.row.value)
-
-    @property
-    def difference_text(self) -> str:
-        """With its sign."""
-        return _number(self.row, self.row.difference, "+")
-
-    @property
-    def interval_text(self) -> str:
-        """Both ends."""
-        if not self.known:
-            return "–"
-        return " … ".join(_number(self.row, end, "+") for end in (self.row.low, self.row.high))
-
-
-WORDS = {"better": "better", "worse": "worse", "alike": "not told apart", "": "too few scenes"}
+    def number(self, value: float, sign: str = "") -> str:
+        """Print a value of the metric, with its sign if ``sign`` is ``"+"``."""
+        digits = 3 if not self.shown.is_count else 0 if value.is_integer() else 1
+        return f"{value:{sign}.{digits}f}".replace("-", "−")
 
 
 @dataclass(frozen=True)
 class Group:
-    """All runs' differences in one figure, on one scale."""
+    """The differences of all runs in one metric, on one scale."""
 
-    name: str
-    unit: str
-    lower_is_better: bool
+    shown: ShownDifference
     baseline: str
-    baseline_text: str
     whiskers: tuple[Whisker, ...]
 
 
 def difference_groups(
-    differences: Sequence[RunDifferences], entrants: Sequence[ReportRun]
+    differences: Sequence[RunDifferences], runs: Sequence[ReportRun]
 ) -> list[Group]:
-    """The leading figures in which runs were compared with their baseline."""
-    by_title = {entrant.title: entrant for entrant in entrants}
+    """Group the differences to each baseline by metric, in the order of ``SHOWN``."""
     groups = []
     for baseline in dict.fromkeys(d.baseline for d in differences):
-        ours = [d for d in differences if d.baseline == baseline and d.run in by_title]
-        official = any(paired.key.metric == "AMOTA" for d in ours for paired in d.rows)
-        for key, name in SHOWN.items():
-            found = [
-                (by_title[d.run], paired)
-                for d in ours
-                for paired in d.rows
-                if (paired.key.table, paired.key.row, paired.key.metric) == key
-                and paired.difference == paired.difference
-            ]
-            if found:
-                shown = name if official else name.removeprefix("official ")
-                groups.append(_group(shown, baseline, found))
+        rows = {
+            (row.key, d.run): row
+            for d in differences
+            if d.baseline == baseline
+            for row in d.rows
+            if row.difference == row.difference
+        }
+        nuscenes = any(key.metric == "AMOTA" for key, _ in rows)
+        for key, shown in SHOWN.items():
+            if shown.official and nuscenes:
+                shown = shown._replace(name=f"official {shown.name}")
+            found = {run: row for (k, run), row in rows.items() if k == key}
+            if whiskers := _whiskers(shown, found, runs):
+                groups.append(Group(shown, baseline, whiskers))
     return groups
 
 
-def _group(name: str, baseline: str, found: Sequence[tuple[ReportRun, PairedDifference]]) -> Group:
-    key, value = found[0][1].key, _number(found[0][1], found[0][1].baseline)
-    ends = [abs(x) for _, row in found for x in (row.low, row.high, row.difference) if x == x]
-    reach = max(*ends, 1e-12) * (-1.0 if key.lower_is_better else 1.0)  # better is to the right
-    whiskers = tuple(
-        Whisker(
-            entrant,
-            row,
-            low=_percent(row.low, reach),
-            middle=_percent(row.difference, reach),
-            high=_percent(row.high, reach),
-        )
-        for entrant, row in found
+def _whiskers(
+    shown: ShownDifference, rows: dict[str, PairedDifference], runs: Sequence[ReportRun]
+) -> tuple[Whisker, ...]:
+    """Scale the plot to the furthest interval; better is to the right."""
+    ends = [abs(x) for row in rows.values() for x in (row.low, row.high, row.difference) if x == x]
+    furthest = max([*ends, 1e-12])  # against a division by zero where all differences are zero
+    scale = (50.0 - MARGIN_PERCENT) / furthest
+    return tuple(
+        Whisker(run, row, shown, -scale if row.key.lower_is_better else scale)
+        for run in runs
+        if (row := rows.get(run.title)) is not None
     )
-    return Group(name, key.unit, key.lower_is_better, baseline, value, whiskers)
-
-
-def _number(row: PairedDifference, value: float, sign: str = "") -> str:
-    digits = 3
-    if row.key.metric == COUNTED:
-        digits = 0 if value.is_integer() else 1
-    return f"{value:{sign}.{digits}f}".replace("-", "−")
-
-
-def _percent(value: float, reach: float) -> float:
-    return 50.0 if value != value else 50.0 + 48.0 * value / reach

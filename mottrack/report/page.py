@@ -1,4 +1,4 @@
-"""Fills the report's template with the figures of a comparison."""
+"""Rendering of the report: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-import mottrack
+from mottrack._version import __version__
 from mottrack.core.storage import write_text
+from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
 from mottrack.report.analysis import Analysis
 from mottrack.report.differences import difference_groups
-from mottrack.report.films import SceneSelection, contents, programme
-from mottrack.report.measures import FLOW, GLOSSARY, INTERVAL, TIMING, TRACKING, VELOCITY
+from mottrack.report.player_scenes import contents, select_scenes
 from mottrack.report.ranking import ReportRun
-from mottrack.report.summary import cards, headlines
+from mottrack.report.summary import headlines, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
-from mottrack.report.timing import BUDGET_MS, Timing, stages_of, time_bars, time_rows
-from mottrack.runs.comparison import Comparison, ScoredRun
+from mottrack.report.timing import BUDGET_MS, TIMING, Timing, stages_of, time_rows, widest_ms
+from mottrack.runs.comparison import Comparison
 
 TEMPLATE = "report.html.j2"
 STYLES = ("base.css", "parts.css", "player.css")
@@ -29,23 +29,36 @@ SCRIPTS = (
     "tips.js",
     "chart.js",
     "plots.js",
-    "film_data.js",
-    "film_colour.js",
-    "film_draw.js",
-    "film_errors.js",
+    "recording.js",
+    "flow_colour.js",
+    "bev_view.js",
+    "error_panel.js",
     "player.js",
     "main.js",
 )
 MAX_MB = 15.0
+"""Default size of the page: about six scenes of the embedded world, quick to open and to send."""
+INTERVAL = MetricInfo(
+    "interval",
+    "95 % interval",
+    "Confidence interval of the paired difference: scenes are resampled with replacement, the same "
+    "ones for both runs, and Student's t with the number of scenes is applied. A difference whose "
+    "interval excludes zero is significant. Few scenes give wide intervals.",
+)
+ORACLE = MetricInfo(
+    "oracle",
+    "oracle",
+    "A run that is given the true flow: the upper bound for a flow source. It is not ranked.",
+)
 
 
 def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) -> None:
-    """Writes one self-contained HTML file.
+    """Write the report of a comparison.
 
     Args:
         comparison: at least one run with a finished scene.
         path: of the HTML file; replaced at once or not at all.
-        max_mb: about how large the file may get: scenes beyond that are listed, not shown moving.
+        max_mb: approximate size up to which scenes are included; the others are listed by name.
     """
     environment = Environment(
         loader=PackageLoader("mottrack.report"),
@@ -55,72 +68,81 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # tables have an order
-    runs = [run for run in comparison.runs if run.report.finished]
-    entrants = [ReportRun(index, run) for index, run in enumerate(runs)]
-    analyses = [Analysis.of(run) for run in runs]
-    shown = programme(entrants, analyses, max_mb * 1e6)
-    content = _content(entrants, analyses, comparison) | _moving(shown, entrants, analyses)
-    page = environment.get_template(TEMPLATE).render(**content, **_sources())
-    write_text(path, page)
+    finished = [run for run in comparison.runs if run.report.finished]
+    runs = [ReportRun(index, run) for index, run in enumerate(finished)]
+    analyses = [Analysis.of(run) for run in finished]
+    content = {
+        **_summary(runs, analyses, comparison),
+        **_tables(runs, analyses),
+        **_times(runs, [a.timing for a in analyses]),
+        **_player(runs, analyses, max_mb),
+        **_sources(),
+    }
+    write_text(path, environment.get_template(TEMPLATE).render(**content))
 
 
-def _content(
-    entrants: Sequence[ReportRun], analyses: Sequence[Analysis], comparison: Comparison
+def _summary(
+    runs: Sequence[ReportRun], analyses: Sequence[Analysis], comparison: Comparison
 ) -> dict[str, Any]:
-    groups = difference_groups(comparison.differences, entrants)
-    answers = cards(entrants, analyses, comparison.differences)
+    groups = difference_groups(comparison.differences, runs)
+    cards = metric_cards(runs, analyses, comparison.differences)
     return {
-        "name": entrants[0].run.experiment.settings.name if entrants else "run",
-        "version": mottrack.__version__,
-        "entrants": entrants,
-        "scene_count": len({s for e in entrants for s in e.run.report.finished}),
+        "name": runs[0].scored.experiment.settings.name if runs else "run",
+        "version": __version__,
+        "runs": runs,
+        "scene_count": len({s for run in runs for s in run.scored.report.finished}),
         "failed": comparison.failed,
-        "has_truth": any(e.has_truth for e in entrants),
-        "cards": answers,
-        "headlines": headlines(answers, groups),
+        "has_truth": any(run.has_truth for run in runs),
+        "cards": cards,
+        "headlines": headlines(cards, groups),
         "common_scenes": max((d.scenes for d in comparison.differences), default=0),
         "difference_groups": groups,
-        "tracking": tracking_blocks(entrants),
-        "velocity": velocity_blocks(entrants),
-        "flow": flow_blocks(entrants),
-        **_times(entrants, [a.timing for a in analyses]),
-        "gains": gain_rows(entrants, [a.anatomy for a in analyses]),
-        "has_curves": any(a.curves for a in analyses),
-        "measures": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
-        "glossary": GLOSSARY,
-        "interval": INTERVAL,
-        "configs": {e.title: _yaml(e.run) for e in entrants},
     }
 
 
-def _times(entrants: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[str, Any]:
+def _tables(runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> dict[str, Any]:
+    return {
+        "tracking": tracking_blocks(runs),
+        "velocity": velocity_blocks(runs),
+        "flow": flow_blocks(runs),
+        "gains": gain_rows(runs, [a.classes.error_classes for a in analyses]),
+        "has_curves": any(a.classes.curves for a in analyses),
+        "metrics": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
+        "glossary": (*TRACKING, *VELOCITY, *FLOW, TIMING, INTERVAL, ORACLE),
+        "interval": INTERVAL,
+        "configs": {
+            run.title: yaml.safe_dump(
+                run.scored.experiment.resolved(), sort_keys=False, allow_unicode=True
+            )
+            for run in runs
+        },
+    }
+
+
+def _times(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[str, Any]:
     return {
         "budget_ms": BUDGET_MS,
         "stages": stages_of(timings),
-        "time_bars": time_bars(entrants, timings),
-        "time_rows": time_rows(entrants, timings),
+        "timings": [(r.title, t) for r, t in zip(runs, timings, strict=True) if t is not None],
+        "widest_ms": widest_ms(timings),
+        "time_rows": time_rows(runs, timings),
     }
 
 
-def _moving(
-    shown: SceneSelection, entrants: Sequence[ReportRun], analyses: Sequence[Analysis]
+def _player(
+    runs: Sequence[ReportRun], analyses: Sequence[Analysis], max_mb: float
 ) -> dict[str, Any]:
-    return {
-        "programme": shown,
-        "data": {
-            "runs": [
-                {
-                    "title": e.title,
-                    "oracle": e.oracle,
-                    "truth": {k: v.clear.truth for k, v in e.run.scores.classes.items()},
-                    **a.as_dict(),
-                }
-                for e, a in zip(entrants, analyses, strict=True)
-            ],
-            "budget_ms": BUDGET_MS,
-            "films": contents(shown.reels, entrants),
-        },
-    }
+    selection = select_scenes(runs, analyses, max_mb * 1e6)
+    plots = [
+        {
+            "title": run.title,
+            "oracle": run.oracle,
+            "truth": {k: v.clear.truth for k, v in run.scored.scores.classes.items()},
+            **analysis.as_dict(),
+        }
+        for run, analysis in zip(runs, analyses, strict=True)
+    ]
+    return {"selection": selection, "data": {"runs": plots, "scenes": contents(selection, runs)}}
 
 
 def _sources() -> dict[str, str]:
@@ -129,7 +151,3 @@ def _sources() -> dict[str, str]:
         "style": "\n".join(folder.joinpath("css", name).read_text() for name in STYLES),
         "script": "\n".join(folder.joinpath("js", name).read_text() for name in SCRIPTS),
     }
-
-
-def _yaml(run: ScoredRun) -> str:
-    return yaml.safe_dump(run.experiment.resolved(), sort_keys=False, allow_unicode=True)

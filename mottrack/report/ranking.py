@@ -1,13 +1,14 @@
-"""Which of several figures is the best."""
+"""The runs of a report and the ranking of their values."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from mottrack.report.measures import Measure
+from mottrack.eval.metric_info import MetricInfo
 from mottrack.runs.comparison import ScoredRun
 
+NAN = float("nan")
 ORACLE_FLOW, NO_FLOW = "ground_truth", "zero"
 
 
@@ -17,52 +18,53 @@ class ReportRun:
 
     index: int
     """Its place in the comparison, which gives it its colour."""
-    run: ScoredRun
+    scored: ScoredRun
 
     @property
     def title(self) -> str:
-        """What names it."""
-        return self.run.title
+        """Name of the run in tables."""
+        return self.scored.title
 
     @property
     def oracle(self) -> bool:
         """Whether it was given the true flow."""
-        return self.run.experiment.flow.kind == ORACLE_FLOW
+        return self.scored.experiment.flow.kind == ORACLE_FLOW
 
     @property
     def has_truth(self) -> bool:
-        """Whether anything was there to score it against."""
-        return self.run.scores.overall.clear.truth > 0
+        """Whether there was any truth to score it against."""
+        return self.scored.scores.overall.clear.truth > 0
 
     @property
     def measures_flow(self) -> bool:
-        """Whether there is any flow to look at."""
-        return self.run.experiment.flow.kind != NO_FLOW
+        """Whether its flow source is one that measures anything."""
+        return self.scored.experiment.flow.kind != NO_FLOW
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure in a table."""
+    """A value in a table."""
 
     text: str
     best: bool = False
-    under: tuple[tuple[str, bool], ...] = ()
-    """What stands small below it, and whether it is the best of its kind."""
+    under: tuple[Cell, ...] = ()
+    """Secondary values, printed small below it."""
 
 
-def best_of(
-    measure: Measure, values: Sequence[float], entrants: Sequence[ReportRun]
-) -> tuple[bool, ...]:
-    """Which values are the best as they are printed; oracles are out of the contest.
+def ranked_cells(
+    info: MetricInfo, values: Sequence[float], runs: Sequence[ReportRun]
+) -> list[Cell]:
+    """Print one value per run and mark the best ones; oracles are not ranked.
 
-    Nothing is the best where fewer than two take part, or where all are the same.
+    Values are compared as printed. None is marked if fewer than two runs are ranked or all agree.
     """
-    competes = [
-        v == v and not e.oracle and measure.lower_is_better is not None
-        for v, e in zip(values, entrants, strict=True)
+    texts = [info.text(value) for value in values]
+    ranked = [
+        v == v and not run.oracle and info.lower_is_better is not None
+        for v, run in zip(values, runs, strict=True)
     ]
-    rivals = [v for v, c in zip(values, competes, strict=True) if c]
-    if len({measure.text(v) for v in rivals}) < 2:
-        return (False,) * len(values)
-    top = measure.text(min(rivals) if measure.lower_is_better else max(rivals))
-    return tuple(c and measure.text(v) == top for v, c in zip(values, competes, strict=True))
+    rivals = {text: v for v, text, r in zip(values, texts, ranked, strict=True) if r}
+    best = ""
+    if len(rivals) > 1:
+        best = (min if info.lower_is_better else max)(rivals, key=lambda text: rivals[text])
+    return [Cell(text, r and text == best) for text, r in zip(texts, ranked, strict=True)]

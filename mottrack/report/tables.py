@@ -1,20 +1,21 @@
-"""The figures of the runs as rows of cells, the best ones marked."""
+"""Tables of tracking, velocity and flow metrics with the best values marked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from mottrack.eval.flow_error import FlowError
-from mottrack.eval.nuscenes.anatomy_report import ClassAnatomy
+from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
+from mottrack.eval.nuscenes.error_classes import ClassErrors
 from mottrack.eval.scores import ClassScores
-from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
-from mottrack.report.measures import FLOW, TRACKING, VELOCITY, Measure
-from mottrack.report.ranking import Cell, ReportRun, best_of
+from mottrack.eval.velocity_error import CATEGORIES, ErrorRow
+from mottrack.report.ranking import NAN, Cell, ReportRun, ranked_cells
 
-NAN = float("nan")
-LEADING_VELOCITY_ROWS = 6
+LEADING_VELOCITY_ROWS = len(CATEGORIES) + 1
+"""Rows before those by object class: the categories and "all"."""
 LEADING_FLOW_ROWS = 7
+"""Rows of eval.flow_error.flow_table before those by speed and by range."""
 
 
 @dataclass(frozen=True)
@@ -23,93 +24,80 @@ class Row:
 
     name: str
     cells: tuple[Cell, ...]
-    entrant: ReportRun | None = None
-    """The run, where the line is a run's."""
+    run: ReportRun | None = None
+    """The run that the line belongs to; None where runs are columns."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Lines under a heading of their own; the first block of a table has none."""
+    """Lines under a common heading; the first block of a table has none."""
 
     heading: str
     rows: tuple[Row, ...]
 
 
-def tracking_blocks(entrants: Sequence[ReportRun]) -> list[Block]:
-    """A line a run: all classes together, then class by class."""
-    labels = dict.fromkeys(label for e in entrants for label in e.run.scores.classes)
-    overall = [e.run.scores.overall for e in entrants]
-    blocks = [Block("", _tracking_rows(entrants, overall))]
+def tracking_blocks(runs: Sequence[ReportRun]) -> list[Block]:
+    """Return one row per run, of all classes together and then of each class with truth."""
+    labels = dict.fromkeys(label for run in runs for label in run.scored.scores.classes)
+    blocks = [Block("", _tracking_rows(runs, [run.scored.scores.overall for run in runs]))]
     for label in labels:
-        parts = [e.run.scores.classes.get(label) for e in entrants]
+        parts = [run.scored.scores.classes.get(label) for run in runs]
         if any(part is not None and part.clear.truth for part in parts):
-            blocks.append(Block(label, _tracking_rows(entrants, parts)))
+            blocks.append(Block(label, _tracking_rows(runs, parts)))
     return blocks
 
 
 def _tracking_rows(
-    entrants: Sequence[ReportRun], parts: Sequence[ClassScores | None]
+    runs: Sequence[ReportRun], parts: Sequence[ClassScores | None]
 ) -> tuple[Row, ...]:
-    figures = [{} if part is None else part.as_dict() for part in parts]
-    columns = [_column(measure, figures, entrants) for measure in TRACKING]
+    columns = _columns(TRACKING, [{} if part is None else part.as_dict() for part in parts], runs)
     return tuple(
-        Row(entrant.title, tuple(column[k] for column in columns), entrant)
-        for k, entrant in enumerate(entrants)
+        Row(run.title, cells, run)
+        for run, cells in zip(runs, zip(*columns, strict=True), strict=True)
     )
 
 
-def _column(
-    measure: Measure, figures: Sequence[Mapping[str, float]], entrants: Sequence[ReportRun]
-) -> list[Cell]:
-    values = [figure.get(measure.key, NAN) for figure in figures]
-    best = best_of(measure, values, entrants)
-    return [Cell(measure.text(v), b) for v, b in zip(values, best, strict=True)]
+def _columns(
+    metrics: Sequence[MetricInfo], values: Sequence[Mapping[str, float]], runs: Sequence[ReportRun]
+) -> list[list[Cell]]:
+    """Return one list of cells per metric, with a cell per run."""
+    return [ranked_cells(info, [v.get(info.key, NAN) for v in values], runs) for info in metrics]
 
 
-def velocity_blocks(entrants: Sequence[ReportRun]) -> list[Block]:
-    """A line a category, a column a run; the classes of the objects below."""
-    names = list(dict.fromkeys(row for e in entrants for row in e.run.scores.velocity))
-    rows = [_velocity_row(name, entrants) for name in names]
-    return _blocks(rows, LEADING_VELOCITY_ROWS, "by class of the object")
-
-
-def _velocity_row(name: str, entrants: Sequence[ReportRun]) -> Row:
-    errors = [e.run.scores.velocity.get(name, NO_ROWS) for e in entrants]
-    cells = _stacked_cells(VELOCITY, errors, entrants)
-    with_counts = [
-        replace(cell, under=(*cell.under, (f"{error.count} rows", False)))
-        for cell, error in zip(cells, errors, strict=True)
-    ]
-    return Row(name, tuple(with_counts))
-
-
-def flow_blocks(entrants: Sequence[ReportRun]) -> list[Block]:
-    """A line a kind of cell, a column a run; by speed and by range below."""
-    nothing = FlowError(0, *(6 * [NAN]))
-    names = list(dict.fromkeys(row for e in entrants for row in e.run.scores.flow))
+def velocity_blocks(runs: Sequence[ReportRun]) -> list[Block]:
+    """Return one row per category and one column per run; rows by object class come last."""
+    tables = [run.scored.scores.velocity for run in runs]
     rows = []
-    for name in names:
-        errors = [e.run.scores.flow.get(name, nothing) for e in entrants]
-        rows.append(Row(name, tuple(_stacked_cells(FLOW, errors, entrants))))
+    for row in _category_rows(VELOCITY, tables, runs):
+        counts = [table[row.name].count if row.name in table else 0 for table in tables]
+        cells = [
+            replace(cell, under=(*cell.under, Cell(f"{count} rows")))
+            for cell, count in zip(row.cells, counts, strict=True)
+        ]
+        rows.append(replace(row, cells=tuple(cells)))
+    return _blocks(rows, LEADING_VELOCITY_ROWS, "by object class")
+
+
+def flow_blocks(runs: Sequence[ReportRun]) -> list[Block]:
+    """Return one row per set of cells and one column per run; speeds and ranges come last."""
+    rows = _category_rows(FLOW, [run.scored.scores.flow for run in runs], runs)
     return _blocks(rows, LEADING_FLOW_ROWS, "by true speed and by range")
 
 
-def _stacked_cells(
-    measures: Sequence[Measure],
-    errors: Sequence[ErrorRow] | Sequence[FlowError],
-    entrants: Sequence[ReportRun],
-) -> list[Cell]:
-    """A cell a run: the first measure large, the others small below it."""
-    columns = []
-    for measure in measures:
-        values = [float(getattr(error, measure.key)) for error in errors]
-        best = best_of(measure, values, entrants)
-        columns.append([(measure.text(v), b) for v, b in zip(values, best, strict=True)])
-    first, *others = columns
-    return [
-        Cell(text, best, tuple(other[k] for other in others))
-        for k, (text, best) in enumerate(first)
-    ]
+def _category_rows(
+    metrics: Sequence[MetricInfo],
+    tables: Sequence[Mapping[str, ErrorRow] | Mapping[str, FlowError]],
+    runs: Sequence[ReportRun],
+) -> list[Row]:
+    """Return rows of one cell per run: the first metric, the others small below it."""
+    rows = []
+    for name in dict.fromkeys(name for table in tables for name in table):
+        errors = [asdict(table[name]) if name in table else {} for table in tables]
+        first, *others = _columns(metrics, errors, runs)
+        under = zip(*others, strict=True)
+        cells = (replace(cell, under=small) for cell, small in zip(first, under, strict=True))
+        rows.append(Row(name, tuple(cells)))
+    return rows
 
 
 def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:
@@ -118,19 +106,19 @@ def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:
 
 
 def gain_rows(
-    entrants: Sequence[ReportRun], anatomies: Sequence[Mapping[str, ClassAnatomy]]
+    runs: Sequence[ReportRun], per_run: Sequence[Mapping[str, ClassErrors]]
 ) -> list[Row]:
-    """AMOTA that each run would gain without the errors of each kind."""
-    gains = [_gains(e, anatomy) for e, anatomy in zip(entrants, anatomies, strict=True)]
+    """Return the AMOTA that each run would gain without the errors of each type."""
+    gains = [_gains(run, error_classes) for run, error_classes in zip(runs, per_run, strict=True)]
     kinds = dict.fromkeys(kind for gain in gains for kind in gain)
     return [Row(k, tuple(Cell(f"+{gain.get(k, 0.0):.3f}") for gain in gains)) for k in kinds]
 
 
-def _gains(entrant: ReportRun, anatomy: Mapping[str, ClassAnatomy]) -> dict[str, float]:
-    """AMOTA is a mean over the classes that have truth, so a gain in one is shared by all."""
-    classes = sum(part.amota == part.amota for part in entrant.run.scores.classes.values())
+def _gains(run: ReportRun, error_classes: Mapping[str, ClassErrors]) -> dict[str, float]:
+    """AMOTA is a mean over the classes with truth, so a gain in one is divided by their number."""
+    classes = sum(part.amota == part.amota for part in run.scored.scores.classes.values())
     gains: dict[str, float] = {}
-    for part in anatomy.values():
+    for part in error_classes.values():
         for kind, amota in part.amota_without.items():
             gains[kind] = gains.get(kind, 0.0) + (amota - part.amota) / max(classes, 1)
     return gains

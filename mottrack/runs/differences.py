@@ -9,7 +9,7 @@ from typing import Any
 from mottrack.core.errors import unknown_name
 from mottrack.core.result import SceneResult
 from mottrack.eval.paired import PairedDifference, paired_all
-from mottrack.eval.run_figures import Figures, Resampling, run_figures
+from mottrack.eval.run_metrics import Resampling, RunMetrics, run_metrics
 from mottrack.eval.scores import ScoreConfig
 from mottrack.experiment.experiment import Experiment
 
@@ -55,7 +55,7 @@ class Resamples:
     """The figures of all runs of one data set over the scenes that they have in common."""
 
     scenes: tuple[str, ...]
-    figures: dict[str, Figures] = field(default_factory=dict)
+    figures: dict[str, RunMetrics] = field(default_factory=dict)
     """Title of a run to its figures on every resample."""
 
     def against(self, baseline: str, run: str) -> RunDifferences:
@@ -75,7 +75,7 @@ def sample_runs(run_inputs: Sequence[RunInput]) -> Resamples:
         return Resamples(())
     results = {c.title: [c.load(scene) for scene in scenes] for c in run_inputs}
     common = Resampling.of(list(results.values()), run_inputs[0].config)
-    return Resamples(scenes, {title: run_figures(run, common) for title, run in results.items()})
+    return Resamples(scenes, {title: run_metrics(run, common) for title, run in results.items()})
 
 
 def find_differences(

@@ -1,4 +1,4 @@
-"""Writes pictures one after the other as a GIF or an MP4."""
+"""Animations: pictures written as a GIF or an MP4."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from mottrack.core.arrays import U8
 from mottrack.core.errors import ConfigError, InputError
 
 ENDINGS = (".gif", ".mp4")
-GIF_COLOURS = 256
+GIF_COLOURS = 256  # the most that the format allows
 MP4_CODEC = "libx264"
-MP4_QUALITY = "20"
-"""x264's constant rate factor: 18 cannot be told from the original, 28 is small."""
+MP4_QUALITY = "20"  # x264's constant rate factor: 18 cannot be told from the original, 28 is small
 
 
 def write_animation(path: Path, pictures: Iterable[U8], period_s: float) -> int:
-    """Writes an animation that shows each picture for `period_s`; the path's ending decides how.
+    """Write an animation that shows each picture for `period_s`; the path's ending decides how.
 
     Returns:
         How many pictures it has.
@@ -56,7 +55,7 @@ def _of_one_size(pictures: Iterable[U8]) -> Iterator[U8]:
 
 
 def _write_gif(path: Path, pictures: Iterable[U8], period_s: float) -> int:
-    """One palette for all pictures, so that colours stay put from one to the next."""
+    """Write with one palette for all pictures, so that colours do not flicker."""
     images = [Image.fromarray(picture) for picture in pictures]
     palette = _palette([np.asarray(images[k]) for k in (0, len(images) // 2, -1)])
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
@@ -68,9 +67,9 @@ def _write_gif(path: Path, pictures: Iterable[U8], period_s: float) -> int:
 
 
 def _palette(pictures: Sequence[U8]) -> Image.Image:
-    """Of these pictures' colours, each counted by the root of its number of pixels.
+    """Return a palette of these pictures, each colour weighted by the root of its pixel count.
 
-    By their full number, the greys of a background would leave nothing to small bright things.
+    By their full count, the greys of a background would leave nothing to small bright things.
     """
     pixels = np.concatenate([picture.reshape(-1, 3) for picture in pictures])
     colours, number = np.unique(pixels, axis=0, return_counts=True)
@@ -79,7 +78,7 @@ def _palette(pictures: Sequence[U8]) -> Image.Image:
 
 
 def _write_mp4(path: Path, pictures: Iterable[U8], period_s: float) -> int:
-    """H.264, which every browser plays; its pictures have even numbers of rows and columns."""
+    """Write H.264, which every browser plays; its pictures have even heights and widths."""
     av = _pyav()
     count = 0
     with av.open(str(path), "w") as container:

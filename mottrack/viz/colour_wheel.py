@@ -1,4 +1,4 @@
-"""The Middlebury colour code of flow (Baker et al., IJCV 2011): hue is direction, paleness is slow.
+"""The Middlebury colour code of flow (Baker et al., IJCV 2011): hue is direction, pale is slow.
 
 Directions run around a wheel of 55 colours with unequal arcs between the primaries, so that equal
 differences of direction look about equally different.
@@ -7,23 +7,24 @@ differences of direction look about equally different.
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from mottrack.core.arrays import F64, U8, Floats
 
 RED, YELLOW, GREEN = (255, 0, 0), (255, 255, 0), (0, 255, 0)
 CYAN, BLUE, MAGENTA = (0, 255, 255), (0, 0, 255), (255, 0, 255)
 ARCS = (
-    (RED, YELLOW, 15),
-    (YELLOW, GREEN, 6),
-    (GREEN, CYAN, 4),
-    (CYAN, BLUE, 11),
-    (BLUE, MAGENTA, 13),
-    (MAGENTA, RED, 6),
-)
+    (RED, YELLOW, 15), (YELLOW, GREEN, 6), (GREEN, CYAN, 4),
+    (CYAN, BLUE, 11), (BLUE, MAGENTA, 13), (MAGENTA, RED, 6),
+)  # fmt: skip
+"""Start, end and number of colours of each arc, as published."""
+TOO_FAST = 0.75  # Factor on the colours of speeds above the full one, as published
+LEAST_COLOUR = 0.45  # Share of the full colour that can be told from white; chosen by eye
+WHEEL_PIXELS = 121  # more than it has on any picture
 
 
 def colour_wheel() -> F64:
-    """(55, 3) colours of the wheel, RGB in [0, 1]."""
+    """Return (55, 3) the colours of the wheel, RGB in [0, 1]."""
     arcs = [
         np.linspace(start, end, steps, endpoint=False, dtype=np.float64)
         for start, end, steps in ARCS
@@ -31,16 +32,15 @@ def colour_wheel() -> F64:
     return np.concatenate(arcs) / 255.0
 
 
-def flow_to_rgb(velocity_mps: Floats, max_mps: float, *, dark: bool = False) -> F64:
-    """Colours (..., 3) in [0, 1] of velocities (..., 2).
+def flow_to_rgb(velocity_mps: Floats, max_mps: float) -> F64:
+    """Return the colours (..., 3) in [0, 1] of velocities (..., 2).
 
     Args:
         velocity_mps: velocity along x (right) and y (up) in the picture.
         max_mps: speed that gets the full colour; faster ones are darkened to three quarters.
-        dark: standing still is black instead of white, for dark backgrounds.
 
     Returns:
-        RGB colours; a velocity of zero is white (or black).
+        RGB colours; a velocity of zero is white.
     """
     x, y = velocity_mps[..., 0].astype(np.float64), velocity_mps[..., 1].astype(np.float64)
     radius = np.hypot(x, y) / max_mps
@@ -52,25 +52,32 @@ def flow_to_rgb(velocity_mps: Floats, max_mps: float, *, dark: bool = False) -> 
     hue = (1 - share) * wheel[low % len(wheel)] + share * wheel[(low + 1) % len(wheel)]
     inside = (radius <= 1)[..., None]
     r = np.minimum(radius, 1.0)[..., None]
-    pale = r * hue if dark else 1 - r * (1 - hue)
-    return np.where(inside, pale, 0.75 * hue)
+    return np.where(inside, 1 - r * (1 - hue), TOO_FAST * hue)
 
 
-def bold_flow_to_rgb(velocity_mps: Floats, max_mps: float, least: float = 0.45) -> F64:
-    """The same, but slow velocities get at least the share `least` of the full colour.
+def bold_flow_to_rgb(velocity_mps: Floats, max_mps: float) -> F64:
+    """Return the same colours, but slow velocities get at least a share of the full colour.
 
     For what is known to move and is drawn on white, where pale colours cannot be seen.
     """
     speed = np.hypot(velocity_mps[..., 0], velocity_mps[..., 1])
-    shown = np.clip(speed, least * max_mps, max_mps)
+    shown = np.clip(speed, LEAST_COLOUR * max_mps, max_mps)
     stretch = shown / np.maximum(speed, 1e-6)
     return flow_to_rgb(velocity_mps * stretch[..., None], max_mps)
 
 
 def wheel_picture(pixels: int) -> U8:
-    """(pixels, pixels, 4) key to the colours, RGBA with y up; transparent outside of the circle."""
+    """Return (pixels, pixels, 4) the key to the colours: RGBA, y up, transparent around it."""
     ticks = np.linspace(-1, 1, pixels)
     x, y = np.meshgrid(ticks, ticks[::-1])
     rgb = np.round(255 * flow_to_rgb(np.stack([x, y], axis=-1), 1.0)).astype(np.uint8)
     alpha = np.where(np.hypot(x, y) <= 1, 255, 0).astype(np.uint8)
     return np.dstack([rgb, alpha])
+
+
+def draw_wheel(axes: Axes, corner: tuple[float, float], side: float, title: str) -> None:
+    """Draw the key to the colours into axes; corner and side in shares of theirs."""
+    key = axes.inset_axes((*corner, side, side))
+    key.imshow(wheel_picture(WHEEL_PIXELS))
+    key.set_title(title, fontsize=7, pad=2)
+    key.set_axis_off()

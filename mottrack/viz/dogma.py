@@ -1,7 +1,7 @@
 """The dynamic occupancy grid map in colour, as the literature draws it.
 
 White is free, grey unknown, black occupied; occupied cells that move have the hue of their
-direction. The vehicle is outlined in orange, the wheel of directions and a scale stand in corners.
+direction. The vehicle is outlined in orange; a wheel of directions and a scale are in corners.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
 from mottrack.viz.colour_wheel import bold_flow_to_rgb, wheel_picture
 
-FULL_COLOUR_MPS = 8.0
-FREE, UNKNOWN, OCCUPIED = 255.0, 160.0, 0.0
-"""Grey levels."""
+FULL_COLOUR_MPS = 8.0  # Slower than in a flow picture: the map shows that cells move, and where to
+FREE, UNKNOWN, OCCUPIED = 255.0, 160.0, 0.0  # Grey levels
 EGO_COLOUR, INK = (234, 88, 12), (30, 30, 30)
 EGO_OUTLINE_M = np.array([[3.8, 0.0], [2.6, 0.95], [-1.0, 0.95], [-1.0, -0.95], [2.6, -0.95]])
+"""A car of 4.8 m by 1.9 m around its rear axle, pointed at the front."""
 SCALE_M = 10.0
-MARGIN = 14
-"""Pixels between a corner and what stands in it."""
+FONT_PIXELS = 16
+MARGIN = 14  # Pixels between a corner and what is drawn in it
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class MapPicture:
     """World x and y of the lower corner."""
     cell_m: float
     world_T_ego: Pose | None = None
-    """Where the vehicle stands; None: not drawn."""
+    """Pose of the vehicle; None: not drawn."""
     title: str = ""
-    """Stands in the upper left corner."""
+    """Text in the upper left corner."""
 
     def __post_init__(self) -> None:
         shape = np.shape(self.occupied)
@@ -61,7 +61,7 @@ class MapPicture:
 
 
 def map_to_rgb(picture: MapPicture) -> U8:
-    """(rows, cols, 3) colours; row 0 is the lowest y.
+    """Return (rows, cols, 3) colours; row 0 is the lowest y.
 
     The grey level goes from unknown towards white by the free mass and towards black by the
     occupied mass; a moving cell has the hue of its direction, never paler than can be seen.
@@ -74,13 +74,13 @@ def map_to_rgb(picture: MapPicture) -> U8:
 
 
 def draw_map(picture: MapPicture, scale: int = 2) -> U8:
-    """(rows * scale, cols * scale, 3) picture with north up, the vehicle, a wheel and a scale."""
+    """Draw a (rows * scale, cols * scale, 3) picture, north up, with vehicle, wheel and scale."""
     rgb = map_to_rgb(picture)[::-1].repeat(scale, axis=0).repeat(scale, axis=1)
     image = Image.fromarray(rgb)
     pen = ImageDraw.Draw(image)
     _draw_vehicle(pen, picture, scale)
     _draw_scale(pen, image.size, SCALE_M / picture.cell_m * scale)
-    pen.text((MARGIN, MARGIN), picture.title, fill=INK, font_size=16)
+    pen.text((MARGIN, MARGIN), picture.title, fill=INK, font_size=FONT_PIXELS)
     wheel = Image.fromarray(wheel_picture(max(min(image.size) // 7, 16)))
     image.paste(wheel, (image.width - wheel.width - MARGIN, MARGIN), wheel)
     return np.asarray(image)
@@ -99,4 +99,4 @@ def _draw_vehicle(pen: ImageDraw.ImageDraw, picture: MapPicture, scale: int) -> 
 def _draw_scale(pen: ImageDraw.ImageDraw, size: tuple[int, int], length: float) -> None:
     x, y = MARGIN, size[1] - MARGIN
     pen.line([(x, y), (x + length, y)], fill=INK, width=3)
-    pen.text((x, y - 22), f"{SCALE_M:.0f} m", fill=INK, font_size=16)
+    pen.text((x, y - 22), f"{SCALE_M:.0f} m", fill=INK, font_size=FONT_PIXELS)

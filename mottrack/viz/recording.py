@@ -1,7 +1,7 @@
 """A scene as a rerun recording: points, flow, boxes, tracks with velocities, truth, over time.
 
-Everything lies in the world, moved so that the vehicle starts at the origin: the viewer computes
-in 32 bits, in which map coordinates have steps of half a metre.
+Coordinates are those of the world, moved so that the vehicle starts at the origin: the viewer
+computes in 32 bits, in which map coordinates have steps of half a metre.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ TRUTH_COLOUR, OBJECT_COLOUR, POINT_COLOUR = (46, 158, 91), (37, 99, 235), (156, 
 TRACK_COLOURS = np.array(
     [(194, 65, 12), (147, 51, 234), (202, 138, 4), (8, 145, 178), (219, 39, 119), (101, 163, 13)]
 )
-"""A track keeps its colour; neighbours in number differ."""
+"""By track number: a track keeps its colour, and consecutive numbers differ."""
 POINT_RADIUS_M = 0.05
-FLOW_HEIGHT_M = 0.1
+FLOW_HEIGHT_M = 0.1  # above the ground, which would hide part of it
+STILL_GREY = 75
 Boxes = TruthTable | TrackTable | ObjectTable
 
 
@@ -47,7 +48,7 @@ class Recording:
 
     @classmethod
     def of(cls, scene: str) -> Recording:
-        """An empty recording with the scene's name."""
+        """Create an empty recording with the scene's name."""
         try:
             rerun = importlib.import_module("rerun")
         except ImportError as error:
@@ -58,11 +59,11 @@ class Recording:
         return cls(rerun, rerun.RecordingStream(APPLICATION, recording_id=scene))
 
     def show(self) -> None:
-        """Opens a window, or adds the scene to the one that is open."""
+        """Open a window, or adds the scene to the one that is open."""
         self.rerun.spawn(recording=self.stream)
 
     def write_to(self, path: Path) -> None:
-        """Sends all that follows to a file.
+        """Send all that follows to a file.
 
         Raises:
             InputError: the path does not end in .rrd.
@@ -73,7 +74,7 @@ class Recording:
         self.stream.save(path)
 
     def log(self, result: SceneResult, snapshots: Sequence[Snapshot]) -> None:
-        """Logs every key frame of a scene and closes the recording when all is written."""
+        """Log every key frame of a scene and close the recording when all is written."""
         kept = {snapshot.frame: snapshot for snapshot in snapshots}
         frames = result.frames
         self.stream.log("world", self.rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -86,7 +87,9 @@ class Recording:
             self._log_vehicle(Pose.from_matrix(frames.world_T_ego[frame]), origin_m)
             if frame in kept:
                 self._log_snapshot(kept[frame], origin_m)
-            self._log_boxes("world/truth", _at(result.truth, frame), origin_m)
+            self._log_boxes(
+                "world/truth", result.truth.select(result.truth.frame == frame), origin_m
+            )
             self._log_tracks(result, np.flatnonzero(result.tracks.frame == frame), origin_m)
         self.stream.flush()
         self.stream.disconnect()
@@ -98,11 +101,11 @@ class Recording:
         self.stream.log("world/ego", moved)
 
     def _log_snapshot(self, snapshot: Snapshot, origin_m: F64) -> None:
-        """Points and flow hang on the vehicle; the tracker's input lies in the world."""
+        """Log points and flow in the vehicle's frame, the tracker's input in the world's."""
         points = self.rerun.Points3D(snapshot.xyz_m, colors=POINT_COLOUR, radii=POINT_RADIUS_M)
         self.stream.log("world/ego/points", points)
         moving = snapshot.valid & (np.hypot(*snapshot.velocity_mps.T) > STILL_MPS)
-        colours = np.full((len(moving), 3), 75, np.uint8)
+        colours = np.full((len(moving), 3), STILL_GREY, np.uint8)
         rgb = bold_flow_to_rgb(snapshot.velocity_mps[moving], FULL_COLOUR_MPS)
         colours[moving] = np.round(255 * rgb)
         centres_m = np.pad(snapshot.xy_m, ((0, 0), (0, 1)), constant_values=FLOW_HEIGHT_M)
@@ -123,11 +126,11 @@ class Recording:
             colors=_colours(tracks),
         )
         self.stream.log("world/tracks/velocity", arrows)
-        hulls = [np.pad(h, ((0, 1), (0, 1)), mode="wrap") for h in hulls_of(result, rows)]
-        for hull in hulls:
-            hull[:, 2] = origin_m[2]
+        closed = [np.concatenate([h, h[:1]]) - origin_m[:2] for h in hulls_of(result, rows)]
         colours = _colours(tracks.select(tracks.hull_corners > 0))
-        strips = self.rerun.LineStrips3D([hull - origin_m for hull in hulls], colors=colours)
+        strips = self.rerun.LineStrips3D(
+            [np.pad(hull, ((0, 0), (0, 1))) for hull in closed], colors=colours
+        )
         self.stream.log("world/tracks/hulls", strips)
 
     def _log_boxes(self, path: str, boxes: Boxes, origin_m: F64) -> None:
@@ -145,15 +148,10 @@ class Recording:
         )
 
 
-def _at(truth: TruthTable, frame: int) -> TruthTable:
-    return truth.select(truth.frame == frame)
-
-
 def _colours(boxes: Boxes) -> I64:
-    """(N, 3) red, green, blue."""
+    """Return (N, 3) red, green, blue."""
     if isinstance(boxes, TrackTable):
-        colours: I64 = TRACK_COLOURS[boxes.id % len(TRACK_COLOURS)]
-        return colours
+        return np.take(TRACK_COLOURS, boxes.id % len(TRACK_COLOURS), axis=0)
     colour = TRUTH_COLOUR if isinstance(boxes, TruthTable) else OBJECT_COLOUR
     return np.tile(np.array(colour), (len(boxes), 1))
 

@@ -17,7 +17,7 @@ class DensityConfig(StrictModel):
 
 
 class PoseErrorConfig(StrictModel):
-    """How wrong the odometry is."""
+    """Errors of the odometry."""
 
     jitter_m: float = Field(0.008, ge=0.0, le=1.0, description="from sweep to sweep, each axis")
     jitter_deg: float = Field(0.03, ge=0.0, le=5.0, description="from sweep to sweep, heading")
@@ -31,5 +31,5 @@ class DetectorConfig(StrictModel):
     recall: float = Field(1.0, ge=0.0, le=1.1, description="factor on the recall of every class")
     noise: float = Field(1.0, ge=0.0, le=10.0, description="factor on box noise")
     false_positives: float = Field(1.0, ge=0.0, le=20.0, description="factor on their number")
-    flips: float = Field(0.03, ge=0.0, le=1.0, description="share of headings turned round")
+    flips: float = Field(0.03, ge=0.0, le=1.0, description="share of flipped headings")
     max_range_m: float = Field(65.0, gt=0.0, le=200.0, description="no detection beyond")

@@ -10,7 +10,27 @@ import numpy as np
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
 
-STEP_M = 0.5
+STEP_M = 0.5  # Between samples: at a radius of 6 m a chord lies 5 mm inside its arc
+
+
+class Place(NamedTuple):
+    """A point and a direction."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+class Interval(NamedTuple):
+    """Part of a curve, by arc length."""
+
+    start_m: float
+    end_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Length of the part."""
+        return self.end_m - self.start_m
 
 
 @dataclass(frozen=True)
@@ -28,7 +48,7 @@ class Curve:
         return (len(self.xy_m) - 1) * STEP_M
 
     def at(self, s_m: F64, lateral_m: F64) -> F64:
-        """(N, 3) x, y, heading at arc length ``s_m``, ``lateral_m`` to the left."""
+        """Return (N, 3) x, y, heading at arc length ``s_m``, ``lateral_m`` to the left."""
         place = np.clip(s_m / STEP_M, 0.0, len(self.xy_m) - 1.0)
         grid = np.arange(len(self.xy_m))
         heading = np.interp(place, grid, self.heading_rad)
@@ -37,60 +57,59 @@ class Curve:
         return np.column_stack([x, y, heading])
 
     def offset(self, lateral_m: float) -> Curve:
-        """The parallel curve ``lateral_m`` to the left."""
+        """Return the parallel curve ``lateral_m`` to the left."""
         normal = np.column_stack([-np.sin(self.heading_rad), np.cos(self.heading_rad)])
         return curve_through(self.xy_m + lateral_m * normal)
 
     def reversed(self) -> Curve:
-        """The same curve the other way round."""
+        """Return the same curve in the other direction."""
         return Curve(self.xy_m[::-1].copy(), self.heading_rad[::-1] + np.pi)
 
     def part(self, start_m: float, end_m: float) -> Curve:
-        """From arc length ``start_m`` to ``end_m``, rounded to samples."""
+        """Return the part from ``start_m`` to ``end_m``, rounded to samples."""
         first, last = round(max(start_m, 0.0) / STEP_M), round(end_m / STEP_M) + 1
         return Curve(self.xy_m[first:last].copy(), self.heading_rad[first:last].copy())
 
 
 def curve_through(points_m: F64) -> Curve:
-    """The curve through (K, 2) dense points, sampled anew by arc length."""
+    """Return the curve through (K, 2) dense points, resampled by arc length."""
     steps = np.hypot(*np.diff(points_m, axis=0).T)
     length = np.concatenate([[0.0], np.cumsum(steps)])
-    s = np.arange(0.0, length[-1] + 1e-9, STEP_M)
+    s = np.arange(0.0, length[-1] + 1e-9, STEP_M)  # the end counts despite rounding
     xy = np.column_stack([np.interp(s, length, points_m[:, i]) for i in range(2)])
     tangent = np.gradient(xy, axis=0)
     return Curve(xy, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])))
 
 
 def curve_from_curvature(curvature_per_m: F64, heading_rad: float) -> Curve:
-    """From the origin, one curvature per step."""
+    """Return the curve from the origin with one curvature per step."""
     heading = heading_rad + np.concatenate([[0.0], np.cumsum(curvature_per_m)]) * STEP_M
     step = STEP_M * np.column_stack([np.cos(heading), np.sin(heading)])
     return Curve(np.concatenate([[[0.0, 0.0]], np.cumsum(step[:-1], axis=0)]), heading)
 
 
-def turn(start: F64, end: F64) -> F64:
-    """(K, 2) points of a cubic that leaves (x, y, heading) and arrives at (x, y, heading)."""
+def connection(start: F64, end: F64) -> F64:
+    """Return (K, 2) points of a cubic Bezier curve from one (x, y, heading) to another."""
+    # a handle of 0.39 chords makes a quarter circle, longer ones a sharper turn at the apex
     reach = 0.42 * np.hypot(*(end[:2] - start[:2])) * 1.1
     a = start[:2] + reach * np.array([np.cos(start[2]), np.sin(start[2])])
     b = end[:2] - reach * np.array([np.cos(end[2]), np.sin(end[2])])
     u = np.linspace(0.0, 1.0, 80)[:, None]
     v = 1.0 - u
-    curve = v**3 * start[:2] + 3 * v**2 * u * a + 3 * v * u**2 * b + u**3 * end[:2]
-    return np.asarray(curve)
+    curve: F64 = v**3 * start[:2] + 3 * v**2 * u * a + 3 * v * u**2 * b + u**3 * end[:2]
+    return curve
 
 
 @compiled
-def place_beside(
-    xy_m: F64, heading_rad: F64, s_m: float, lateral_m: float
-) -> tuple[float, float, float]:
-    """(x, y, heading) of one place beside a sampled curve, as ``Curve.at``."""
+def place_beside(xy_m: F64, heading_rad: F64, s_m: float, lateral_m: float) -> Place:
+    """Return one place beside a sampled curve, as ``Curve.at``."""
     inside = min(max(s_m / STEP_M, 0.0), len(xy_m) - 1.0)
     row = min(int(inside), len(xy_m) - 2)
     u = inside - row
     heading = heading_rad[row] * (1.0 - u) + heading_rad[row + 1] * u
     x = xy_m[row, 0] * (1.0 - u) + xy_m[row + 1, 0] * u - lateral_m * np.sin(heading)
     y = xy_m[row, 1] * (1.0 - u) + xy_m[row + 1, 1] * u + lateral_m * np.cos(heading)
-    return x, y, heading
+    return Place(x, y, heading)
 
 
 class Paths(NamedTuple):
@@ -102,8 +121,28 @@ class Paths(NamedTuple):
     """(P + 1,) first row of each curve."""
 
 
+class PathPoint(NamedTuple):
+    """A point of a path."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+    curvature_per_m: float
+
+
+class SmoothPoint(NamedTuple):
+    """A point of a path with its first (dx, dy) and second (ddx, ddy) derivatives by arc length."""
+
+    x_m: float
+    y_m: float
+    dx: float
+    dy: float
+    ddx: float
+    ddy: float
+
+
 def stack(curves: list[Curve]) -> Paths:
-    """The curves in one table, with their curvature."""
+    """Return the curves in one table, with their curvature."""
     rows = [
         np.column_stack([c.xy_m, c.heading_rad, np.gradient(c.heading_rad, STEP_M)]) for c in curves
     ]
@@ -112,8 +151,8 @@ def stack(curves: list[Curve]) -> Paths:
 
 
 @compiled
-def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, float]:
-    """(x, y, heading, curvature) at arc length ``s_m`` of a path; straight on beyond its ends."""
+def sample(paths: Paths, path: int, s_m: float) -> PathPoint:
+    """Return the point at arc length ``s_m`` of a path; straight on beyond its ends."""
     first, count = paths.start[path], paths.start[path + 1] - paths.start[path]
     place = s_m / STEP_M
     inside = min(max(place, 0.0), count - 1.0)
@@ -123,7 +162,7 @@ def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, fl
     a, b = first + row, first + row + 1
     heading = table[a, 2] * (1.0 - u) + table[b, 2] * u
     beyond = (place - inside) * STEP_M
-    return (
+    return PathPoint(
         table[a, 0] * (1.0 - u) + table[b, 0] * u + beyond * np.cos(heading),
         table[a, 1] * (1.0 - u) + table[b, 1] * u + beyond * np.sin(heading),
         heading,
@@ -132,12 +171,10 @@ def sample(paths: Paths, path: int, s_m: float) -> tuple[float, float, float, fl
 
 
 @compiled
-def sample_smooth(
-    paths: Paths, path: int, s_m: float
-) -> tuple[float, float, float, float, float, float]:
-    """(x, y, x', y', x'', y'') of a path as a cubic through its samples and their headings.
+def sample_smooth(paths: Paths, path: int, s_m: float) -> SmoothPoint:
+    """Return a point of a path as a cubic through its samples and their headings.
 
-    Unlike ``sample``, position, direction and bend are derivatives of one another.
+    Unlike in ``sample``, position, direction and curvature are derivatives of one another.
     """
     first, count = paths.start[path], paths.start[path + 1] - paths.start[path]
     inside = min(max(s_m / STEP_M, 0.0), count - 1.0)
@@ -148,12 +185,12 @@ def sample_smooth(
     y, dy, ddy = _hermite(a[1], np.sin(a[2]) * STEP_M, b[1], np.sin(b[2]) * STEP_M, u)
     if beyond != 0.0:
         ddx = ddy = 0.0
-    return x + beyond * dx, y + beyond * dy, dx, dy, ddx, ddy
+    return SmoothPoint(x + beyond * dx, y + beyond * dy, dx, dy, ddx, ddy)
 
 
 @compiled
 def _hermite(p: float, m: float, q: float, n: float, u: float) -> tuple[float, float, float]:
-    """Value and first two derivatives by arc length of the cubic between two samples."""
+    """Return value and first two derivatives by arc length of the cubic between two samples."""
     rise, bow = 3.0 * (q - p) - 2.0 * m - n, 2.0 * (p - q) + m + n
     value = p + u * (m + u * (rise + u * bow))
     slope = (m + u * (2.0 * rise + 3.0 * u * bow)) / STEP_M

@@ -1,6 +1,6 @@
-"""Casts the beams of one turn of a LiDAR against solids and ground.
+"""Ray casting: the beams of one revolution of a LiDAR against solids and ground.
 
-A beam meets the nearest thing only (true occlusion). Things that let beams through draw from a
+A beam hits the nearest thing only (true occlusion). Things that let beams through draw from a
 counter-based generator keyed by beam and solid, so the result does not depend on any order.
 """
 
@@ -12,31 +12,32 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I16, I64
-from mottrack.world.culling import Candidates, Scan, find_candidates, solid_pose_at
-from mottrack.world.hashing import mix, unit
-from mottrack.world.intersect import (
-    Hit,
-    Vector,
-    hit_box,
-    hit_cylinder,
-    hit_ellipsoid,
-)
-from mottrack.world.materials import Materials
-from mottrack.world.porous import Chord, inside_return, window_return
-from mottrack.world.solids import BACKGROUND, BOX, CYLINDER, Solids
-from mottrack.world.terrain import Terrain, ground_cosine, ground_walk, surface_at
+from mottrack.world.culling import Candidates, ScanPattern, find_candidates
+from mottrack.world.hashing import random_bits, uniform
+from mottrack.world.intersect import Hit, Vector, hit_box, hit_cylinder, hit_ellipsoid
+from mottrack.world.materials import Beam, Materials, inside_return, window_return
+from mottrack.world.solids import BOX, CYLINDER, Solids, solid_pose_at
+from mottrack.world.terrain import Beams, Terrain, ground_cosine, ground_ranges, surface_at
 
 GROUND = -2
 _NOTHING = -3
 _LEAF_COSINE = 0.6
-# columns of the table of candidates; what decides most often stands in front, in one cache line
+"""Leaves in all directions: the mean |cosine| is 1/2, weighted by visible area 2/3."""
+_SAME_AZIMUTH_PER_RAD = 2000.0
+"""Beams whose offsets round to the same 0.5 mrad share a section through the ground."""
+
+# Columns of the table of solids (P, _FIELDS). What decides most often stands in front, in one
+# cache line: place of the sensor in world axes (x, y), radius, height of the sensor over the
+# middle, distance to the near and far side, half height.
 _AWAY, _RADIUS, _HEIGHT, _FIRST, _LAST, _TOP = 0, 2, 3, 4, 5, 6
-_PLACE, _TURN, _HALF, _CUTS, _KIND, _OPACITY, _DENSITY = 8, 10, 12, 15, 17, 18, 19
-_CLUMPED, _PITCH, _SHARE, _MATERIAL, _NUMBER, _FIELDS = 20, 21, 22, 23, 24, 25
+# place of the sensor in the solid's frame (x, y), cosine and sine of its yaw, half extents,
+# chamfers, shape, material
+_PLACE, _YAW, _HALF, _CHAMFER, _KIND, _OPACITY, _DENSITY = 8, 10, 12, 15, 17, 18, 19
+_CLUMPED, _PITCH, _SHARE, _MATERIAL, _FIELDS = 20, 21, 22, 23, 24
 
 
-class World(NamedTuple):
-    """All that a beam can meet; named tuple for numba."""
+class SceneGeometry(NamedTuple):
+    """All that a beam can hit; named tuple for numba."""
 
     solids: Solids
     materials: Materials
@@ -44,124 +45,120 @@ class World(NamedTuple):
 
 
 class Returns(NamedTuple):
-    """What each beam met, (C, R) arrays; range is inf where it met nothing."""
+    """What each beam hit, arrays (C, R) or, of one column, (R,)."""
 
     range_m: F64
+    """inf where nothing was hit."""
     solid: I64
-    """Row of the solid met, ``GROUND``, or below where nothing was met."""
+    """Row of the solid hit, ``GROUND``, or below where nothing was hit."""
     material: I16
     cosine: F64
     """Cosine of incidence; 0 for a beam that was mirrored away."""
 
 
-def cast(scan: Scan, world: World, seed: int) -> Returns:
-    """What every beam of ``scan`` meets in ``world``, the same for the same seed."""
-    candidates = find_candidates(scan, world.solids)
-    returns: Returns = _cast(scan, world, candidates, np.uint64(seed))
-    return returns
+def cast(scan: ScanPattern, scene: SceneGeometry, seed: int) -> Returns:
+    """Return what every beam of ``scan`` hits; the same for the same seed."""
+    return _cast(scan, scene, find_candidates(scan, scene.solids), np.uint64(seed))
 
 
 @compiled(error_model="numpy")
-def _cast(scan: Scan, world: World, candidates: Candidates, seed: np.uint64) -> Returns:
+def _cast(
+    scan: ScanPattern, scene: SceneGeometry, candidates: Candidates, seed: np.uint64
+) -> Returns:
     columns, rings = len(scan.time_s), len(scan.elevation_rad)
     returns = Returns(
-        np.full((columns, rings), np.inf),
+        np.full((columns, rings), scan.max_range_m),
         np.full((columns, rings), _NOTHING),
         np.zeros((columns, rings), np.int16),
         np.zeros((columns, rings)),
     )
-    beams, stands = _beams(scan), _columns_of_beams(scan.offset_rad)
-    table, rays, met = _describe(world), np.empty((rings, 6)), np.empty((rings, 4))
+    beams = Beams(
+        np.empty((rings, 3)), np.empty((rings, 2)), np.empty(rings), _groups(scan.offset_rad)
+    )
+    angles, table = _angles(scan), _describe(scene)
     for column in range(columns):
         chosen = candidates.solid[candidates.start[column] : candidates.start[column + 1]]
-        _enter_frames(scan, world.solids, chosen, column, table)
-        _directions(scan, beams, column, rays)
-        met[:, 0], met[:, 1], met[:, 2], met[:, 3] = scan.max_range_m, 0.0, _NOTHING, 0.0
-        _first_solids(table, chosen, rays, mix(seed, column), met)
-        _keep_nearest(world.terrain, scan.origin_m[column], rays, stands, met)
+        hits = Returns(
+            returns.range_m[column],
+            returns.solid[column],
+            returns.material[column],
+            returns.cosine[column],
+        )
+        _enter_frames(scan, scene.solids, chosen, column, table)
+        _aim(scan, angles, column, beams)
+        _first_solids(table, chosen, beams, random_bits(seed, column), hits)
+        _keep_nearest(scene.terrain, scan.origin_m[column], beams, hits)
         for ring in range(rings):
-            solid = int(met[ring, 2])
-            if solid == _NOTHING:
-                continue
-            returns.range_m[column, ring], returns.cosine[column, ring] = met[ring, 0], met[ring, 1]
-            returns.material[column, ring], returns.solid[column, ring] = int(met[ring, 3]), solid
+            if hits.solid[ring] == _NOTHING:
+                hits.range_m[ring] = np.inf
     return returns
 
 
 @compiled
-def _columns_of_beams(offset_rad: F64) -> I64:
-    """(R,) which of the beams stand over each other: equal numbers, equal azimuth."""
-    different = np.unique(np.rint(offset_rad * 2000.0))
-    return np.searchsorted(different, np.rint(offset_rad * 2000.0)).astype(np.int64)
+def _groups(offset_rad: F64) -> I64:
+    """Return (R,) the azimuth group of each beam."""
+    rounded = np.rint(offset_rad * _SAME_AZIMUTH_PER_RAD)
+    return np.searchsorted(np.unique(rounded), rounded).astype(np.int64)
 
 
 @compiled
-def _beams(scan: Scan) -> F64:
-    """(R, 4) cosine and sine of the elevation and of the azimuth offset of each beam."""
-    beams = np.empty((len(scan.elevation_rad), 4))
-    beams[:, 0], beams[:, 1] = np.cos(scan.elevation_rad), np.sin(scan.elevation_rad)
-    beams[:, 2], beams[:, 3] = np.cos(scan.offset_rad), np.sin(scan.offset_rad)
-    return beams
+def _angles(scan: ScanPattern) -> F64:
+    """Return (R, 4) cosine and sine of the elevation and of the azimuth offset of each beam."""
+    angles = np.empty((len(scan.elevation_rad), 4))
+    angles[:, 0], angles[:, 1] = np.cos(scan.elevation_rad), np.sin(scan.elevation_rad)
+    angles[:, 2], angles[:, 3] = np.cos(scan.offset_rad), np.sin(scan.offset_rad)
+    return angles
 
 
 @compiled
-def _directions(scan: Scan, beams: F64, column: int, rays: F64) -> None:
-    """Fills (R, 6): direction of each beam in the world; x, y and climb per metre of way."""
+def _aim(scan: ScanPattern, angles: F64, column: int, beams: Beams) -> None:
+    """Fill in the directions of the beams of a column."""
     ca, sa = np.cos(scan.azimuth_rad[column]), np.sin(scan.azimuth_rad[column])
-    r = scan.rotation[column]
-    for ring in range(len(beams)):
-        x = beams[ring, 0] * (ca * beams[ring, 2] - sa * beams[ring, 3])
-        y = beams[ring, 0] * (sa * beams[ring, 2] + ca * beams[ring, 3])
-        z = beams[ring, 1]
+    r, direction = scan.rotation[column], beams.direction
+    for ring in range(len(angles)):
+        x = angles[ring, 0] * (ca * angles[ring, 2] - sa * angles[ring, 3])
+        y = angles[ring, 0] * (sa * angles[ring, 2] + ca * angles[ring, 3])
+        z = angles[ring, 1]
         for axis in range(3):
-            rays[ring, axis] = r[axis, 0] * x + r[axis, 1] * y + r[axis, 2] * z
-        per_metre = 1.0 / np.sqrt(1.0 - rays[ring, 2] * rays[ring, 2])
-        for axis in range(3):
-            rays[ring, 3 + axis] = rays[ring, axis] * per_metre
+            direction[ring, axis] = r[axis, 0] * x + r[axis, 1] * y + r[axis, 2] * z
+        per_metre = 1.0 / np.sqrt(1.0 - direction[ring, 2] * direction[ring, 2])
+        beams.horizontal[ring, 0] = direction[ring, 0] * per_metre
+        beams.horizontal[ring, 1] = direction[ring, 1] * per_metre
+        beams.climb[ring] = direction[ring, 2] * per_metre
 
 
 @compiled
-def _describe(world: World) -> F64:
-    """(P, _FIELDS) what the beams of any column need to know of each solid, side by side."""
-    solids, materials = world.solids, world.materials
+def _describe(scene: SceneGeometry) -> F64:
+    """Return (P, _FIELDS) what beams of any column need of each solid, side by side."""
+    solids, materials = scene.solids, scene.materials
     table = np.empty((len(solids.kind), _FIELDS))
     for p in range(len(table)):
         row, material = table[p], solids.material[p]
-        row[_TURN], row[_TURN + 1] = np.cos(solids.yaw_rad[p]), np.sin(solids.yaw_rad[p])
-        for axis in range(3):
-            row[_HALF + axis] = solids.half_m[p, axis]
-        row[_CUTS], row[_CUTS + 1] = solids.chamfer_m[p, 0], solids.chamfer_m[p, 1]
-        row[_KIND], row[_OPACITY] = solids.kind[p], materials.opacity[material]
-        row[_DENSITY], row[_CLUMPED] = (
+        row[_YAW], row[_YAW + 1] = np.cos(solids.yaw_rad[p]), np.sin(solids.yaw_rad[p])
+        row[_HALF : _HALF + 3] = solids.half_m[p]
+        row[_CHAMFER : _CHAMFER + 2] = solids.chamfer_m[p]
+        row[_KIND], row[_MATERIAL] = solids.kind[p], material
+        row[_OPACITY], row[_DENSITY] = (
+            materials.opacity[material],
             materials.density_per_m[material],
-            materials.clumped[material],
         )
-        row[_PITCH], row[_SHARE] = (
-            materials.window_pitch_m[material],
-            materials.window_share[material],
-        )
-        row[_MATERIAL], row[_NUMBER], row[_TOP] = material, p, row[_HALF + 2]
+        row[_CLUMPED], row[_PITCH] = materials.clumped[material], materials.window_pitch_m[material]
+        row[_SHARE], row[_TOP] = materials.window_share[material], row[_HALF + 2]
         row[_RADIUS] = np.hypot(row[_HALF], row[_HALF + 1])
     return table
 
 
 @compiled
-def _enter_frames(
-    scan: Scan,
-    solids: Solids,
-    chosen: I64,
-    column: int,
-    table: F64,
-) -> None:
-    """Completes the rows of the chosen solids by where the sensor is in their frames."""
+def _enter_frames(scan: ScanPattern, solids: Solids, chosen: I64, column: int, table: F64) -> None:
+    """Complete the rows of the chosen solids by where the sensor is in their frames."""
     time, sensor, rates = scan.time_s[column], scan.origin_m[column], solids.yaw_rate_radps
     for p in chosen:
         x, y, z, yaw = solid_pose_at(solids, p, time)
         dx, dy = sensor[0] - x, sensor[1] - y
         row = table[p]
         if rates[p] != 0.0:
-            row[_TURN], row[_TURN + 1] = np.cos(yaw), np.sin(yaw)
-        c, s = row[_TURN], row[_TURN + 1]
+            row[_YAW], row[_YAW + 1] = np.cos(yaw), np.sin(yaw)
+        c, s = row[_YAW], row[_YAW + 1]
         row[_PLACE], row[_PLACE + 1] = c * dx + s * dy, c * dy - s * dx
         row[_AWAY], row[_AWAY + 1], row[_HEIGHT] = dx, dy, sensor[2] - z
         away, radius = np.sqrt(dx * dx + dy * dy), row[_RADIUS]
@@ -169,127 +166,98 @@ def _enter_frames(
 
 
 @compiled(error_model="numpy")
-def _first_solids(
-    near: F64,
-    chosen: I64,
-    rays: F64,
-    seed: np.uint64,
-    met: F64,
-) -> None:
-    """Fills (R, 4) per beam: range, cosine, the solid met first, its material.
+def _first_solids(table: F64, chosen: I64, beams: Beams, seed: np.uint64, hits: Returns) -> None:
+    """Fill in the solid that each beam of a column hits first.
 
-    Solids outside, beams inside: of a fan of beams few have the height of a given solid.
+    Solids outside, beams inside: few of the beams of a column are at the height of a given solid.
     """
-    slack = _disorder(rays)
+    slack, climb, horizontal = _disorder(beams.climb), beams.climb, beams.horizontal
     for p in chosen:
-        low, high = _climbs(near[p, _HEIGHT], near[p, _TOP], near[p, _FIRST], near[p, _LAST])
-        ring = _first_beam(rays, low - 2.0 * slack)
-        while ring < len(rays) and rays[ring, 5] <= high + slack:
-            aside = rays[ring, 3] * near[p, _AWAY + 1] - rays[ring, 4] * near[p, _AWAY]
-            if abs(aside) <= near[p, _RADIUS] and near[p, _FIRST] < met[ring, 0]:
-                ray = (rays[ring, 0], rays[ring, 1], rays[ring, 2])
-                t, cosine = _meet(near, p, mix(seed, ring), (ray, met[ring, 0]))
-                if t < met[ring, 0]:
-                    met[ring, 0], met[ring, 1], met[ring, 2] = t, cosine, p
-                    met[ring, 3] = near[p, _MATERIAL]
+        low, high = _climbs(table, p)
+        ring = int(np.searchsorted(climb, low - 2.0 * slack))
+        while ring < len(climb) and climb[ring] <= high + slack:
+            aside = (
+                horizontal[ring, 0] * table[p, _AWAY + 1] - horizontal[ring, 1] * table[p, _AWAY]
+            )
+            nearest = hits.range_m[ring]
+            if abs(aside) <= table[p, _RADIUS] and table[p, _FIRST] < nearest:
+                bits = random_bits(random_bits(seed, ring), p)
+                t, cosine = _meet(table, p, bits, _ray(beams, ring), nearest)
+                if t < nearest:
+                    hits.range_m[ring], hits.cosine[ring], hits.solid[ring] = t, cosine, p
+                    hits.material[ring] = int(table[p, _MATERIAL])
             ring += 1
 
 
 @compiled
-def _disorder(rays: F64) -> float:
-    """By how much a beam climbs less than one below it, as those of a tilted sensor do."""
-    slack, most = 0.0, -np.inf
-    for ring in range(len(rays)):
-        most = max(most, rays[ring, 5])
-        slack = max(slack, most - rays[ring, 5])
-    return slack
+def _ray(beams: Beams, ring: int) -> Vector:
+    direction = beams.direction
+    return Vector(direction[ring, 0], direction[ring, 1], direction[ring, 2])
 
 
 @compiled
-def _first_beam(rays: F64, climb: float) -> int:
-    """A beam below which none climbs ``climb``, by halving; right up to the disorder."""
-    low, high = 0, len(rays)
-    while low < high:
-        middle = (low + high) // 2
-        if rays[middle, 5] < climb:
-            low = middle + 1
-        else:
-            high = middle
-    return low
+def _disorder(climb: F64) -> float:
+    """Return by how much a beam climbs less than one below it, as those of a tilted sensor do."""
+    slack, most = 0.0, -np.inf
+    for value in climb:
+        most = max(most, value)
+        slack = max(slack, most - value)
+    return slack
 
 
 @compiled(error_model="numpy")
-def _climbs(height: float, top: float, first: float, last: float) -> tuple[float, float]:
-    """Climbs per metre between which a beam can meet a solid ``first`` to ``last`` metres away.
-
-    ``height`` is that of the sensor over the middle of the solid, ``top`` its half height.
-    """
+def _climbs(table: F64, p: int) -> tuple[float, float]:
+    """Return the rises per horizontal metre between which a beam can hit a solid."""
+    first, last = table[p, _FIRST], table[p, _LAST]
     if first <= 0.0:
         return -np.inf, np.inf
-    below, above = -top - height, top - height
+    below, above = -table[p, _TOP] - table[p, _HEIGHT], table[p, _TOP] - table[p, _HEIGHT]
     return min(below / first, below / last), max(above / first, above / last)
 
 
 @compiled
-def _keep_nearest(
-    terrain: Terrain,
-    sensor_m: F64,
-    rays: F64,
-    stands: I64,
-    met: F64,
-) -> None:
-    """Replaces what lies behind the ground by the ground."""
-    heights, surface = terrain.height_m, terrain.surface
-    for stand in range(stands.max() + 1):
-        walk = ground_walk(heights, terrain.frame, sensor_m, rays, (stands, stand, met[:, 0]))
-        for ring in range(len(rays)):
-            t = walk[ring]
-            if stands[ring] == stand and t < met[ring, 0]:
-                ray = (rays[ring, 0], rays[ring, 1], rays[ring, 2])
-                x, y = sensor_m[0] + t * ray[0], sensor_m[1] + t * ray[1]
-                met[ring, 0] = t
-                met[ring, 1] = ground_cosine(heights, terrain.frame, (x, y), ray)
-                met[ring, 2] = GROUND
-                met[ring, 3] = surface_at(surface, terrain.frame, x, y)
+def _keep_nearest(terrain: Terrain, sensor_m: F64, beams: Beams, hits: Returns) -> None:
+    """Replace what lies behind the ground by the ground."""
+    for group in range(beams.azimuth_group.max() + 1):
+        ranges = ground_ranges(terrain, sensor_m, beams, group, hits.range_m)
+        for ring in range(len(ranges)):
+            t = ranges[ring]
+            if beams.azimuth_group[ring] == group and t < hits.range_m[ring]:
+                ray = _ray(beams, ring)
+                x, y = sensor_m[0] + t * ray.x, sensor_m[1] + t * ray.y
+                hits.range_m[ring], hits.solid[ring] = t, GROUND
+                hits.cosine[ring] = ground_cosine(terrain, x, y, ray)
+                hits.material[ring] = surface_at(terrain.surface, terrain.frame, x, y)
 
 
 @compiled(error_model="numpy")
-def _meet(near: F64, i: int, key: np.uint64, beam: tuple[Vector, float]) -> tuple[float, float]:
-    """(range, cosine) at which a beam comes back from one candidate; range inf if it does not."""
-    ray, best = beam
-    c, s = near[i, _TURN], near[i, _TURN + 1]
-    origin = (near[i, _PLACE], near[i, _PLACE + 1], near[i, _HEIGHT])
-    direction = (c * ray[0] + s * ray[1], c * ray[1] - s * ray[0], ray[2])
-    enter, leave, cosine = _geometry(near, i, origin, direction)
-    if enter > leave or enter > best or leave <= 0.0:
+def _meet(table: F64, p: int, bits: np.uint64, ray: Vector, limit_m: float) -> tuple[float, float]:
+    """Return (range, cosine) at which a beam returns from one solid; inf if it does not."""
+    c, s = table[p, _YAW], table[p, _YAW + 1]
+    origin = Vector(table[p, _PLACE], table[p, _PLACE + 1], table[p, _HEIGHT])
+    direction = Vector(c * ray.x + s * ray.y, c * ray.y - s * ray.x, ray.z)
+    hit = _geometry(table, p, origin, direction)
+    if hit.near_m > hit.far_m or hit.near_m > limit_m or hit.far_m <= 0.0:
         return np.inf, 0.0
-    bits, opacity = mix(key, int(near[i, _NUMBER])), near[i, _OPACITY]
-    chord = Chord(bits, enter, leave)
-    if enter > 0.0 and (opacity >= 1.0 or unit(bits) < opacity):
-        if near[i, _PITCH] > 0.0:
-            windows = (near[i, _PITCH], near[i, _SHARE])
-            enter, cosine = window_return(windows, chord, origin, direction, cosine)
-        return enter, cosine
-    if near[i, _DENSITY] > 0.0:
-        leaves = (near[i, _DENSITY], near[i, _CLUMPED] > 0.0)
-        return inside_return(leaves, chord, origin, direction, best), _LEAF_COSINE
+    opacity, beam = table[p, _OPACITY], Beam(bits, origin, direction, hit)
+    if hit.near_m > 0.0 and (opacity >= 1.0 or uniform(bits) < opacity):
+        if table[p, _PITCH] > 0.0:
+            return window_return(table[p, _PITCH], table[p, _SHARE], beam)
+        return hit.near_m, hit.cosine
+    if table[p, _DENSITY] > 0.0:
+        clumped = table[p, _CLUMPED] > 0.0
+        return inside_return(table[p, _DENSITY], clumped, beam, limit_m), _LEAF_COSINE
     return np.inf, 0.0
 
 
 @compiled(error_model="numpy")
-def _geometry(near: F64, i: int, origin: Vector, direction: Vector) -> Hit:
-    half = (near[i, _HALF], near[i, _HALF + 1], near[i, _HALF + 2])
-    kind = int(near[i, _KIND])
+def _geometry(table: F64, p: int, origin: Vector, direction: Vector) -> Hit:
+    half, kind = (
+        Vector(table[p, _HALF], table[p, _HALF + 1], table[p, _HALF + 2]),
+        int(table[p, _KIND]),
+    )
     if kind == BOX:
-        hit: Hit = hit_box(origin, direction, half, (near[i, _CUTS], near[i, _CUTS + 1]))
-    elif kind == CYLINDER:
-        hit = hit_cylinder(origin, direction, half)
-    else:
-        hit = hit_ellipsoid(origin, direction, half)
-    return hit
-
-
-def owners(returns: Returns, solids: Solids) -> I64:
-    """(C, R) row of the mover that each beam met, BACKGROUND elsewhere."""
-    met = returns.solid >= 0
-    return np.where(met, solids.owner[np.where(met, returns.solid, 0)], BACKGROUND)
+        return hit_box(origin, direction, half, (table[p, _CHAMFER], table[p, _CHAMFER + 1]))
+    if kind == CYLINDER:
+        return hit_cylinder(origin, direction, half)
+    return hit_ellipsoid(origin, direction, half)

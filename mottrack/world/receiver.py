@@ -1,4 +1,4 @@
-"""From what a beam met to what the sensor reports: power, losses, range noise, reflectance."""
+"""From what a beam hit to what the sensor reports: power, losses, range noise, reflectance."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F32, F64, I64, Mask
-from mottrack.world.culling import Scan
-from mottrack.world.hashing import bell, mix, unit
-from mottrack.world.materials import Materials
-from mottrack.world.raycast import GROUND, Returns
-from mottrack.world.solids import Solids
+from mottrack.core.arrays import F32, F64, I64
+from mottrack.world.culling import ScanPattern
+from mottrack.world.hashing import near_normal, random_bits, uniform
+from mottrack.world.raycast import Returns, SceneGeometry
 
-_REFERENCE_ALBEDO = 0.8
-_GROUND_ALBEDO = 0.16
-_SLANT_NOISE = 0.004
-_EDGE_M = 3.0
+_REFERENCE_ALBEDO = 0.8  # Data sheets of LiDARs state the range for a target of 80 % reflectivity
+_GROUND_ALBEDO, _GROUND_STEP = 0.16, 0.05  # Asphalt is dark; what stands out from it is brighter
+_DETECTION_RATE = 1.1  # 1 - exp(-1.1): a target at ``reach_m`` is seen two times out of three
+_SURE_POWER = 6.0  # Above it fewer than 2 in 1000 are missed: no draw is made
+_LEAST_SPECKLE = 0.1  # keeps the reflectance positive
+_SLANT_NOISE_M, _MOST_SLANT = 0.004, 12.0
+"""At a slant the footprint of the beam stretches over ranges; bounded at 85 degrees."""
+_DULL, _SHINY = 0.35, 0.65
+"""Weakening of the reported reflectance at a slant: firmware corrects for it in part. By eye."""
+_EDGE_M = 3.0  # A beam split between surfaces further apart reports the first; chosen by eye
+# numbers of the draws of one beam
+_LOSS, _SPECKLE, _DETECTION, _NOISE, _SPLIT, _SPLIT_SHARE, _DRAWS = 1, 2, 3, 4, 5, 6, 8
+_MOST_RINGS = 4096
 
 
 class Receiver(NamedTuple):
@@ -40,11 +47,23 @@ class Points(NamedTuple):
     reflectance: F32
 
 
+class _Echo(NamedTuple):
+    """Where a beam came back."""
+
+    range_m: float
+    cosine: float
+    albedo: float
+    speckle: float
+    """Relative deviation of the reflectance."""
+    loss: float
+    """Probability that nothing comes back."""
+
+
 @compiled(error_model="numpy")
 def receive(
-    scan: Scan, returns: Returns, surface: tuple[Solids, Materials], receiver: Receiver, seed: int
+    scan: ScanPattern, returns: Returns, scene: SceneGeometry, receiver: Receiver, seed: int
 ) -> Points:
-    """Reports the beams that come back strongly enough, with noise; same seed, same points."""
+    """Report the beams that come back strongly enough, with noise; same seed, same points."""
     columns, rings = returns.range_m.shape
     limit = columns * rings
     points = Points(
@@ -53,22 +72,22 @@ def receive(
         np.empty(limit, np.float64),
         np.empty(limit, np.float32),
     )
-    solids, materials = surface
+    albedo, materials = scene.solids.albedo, scene.materials
     count = 0
     for column in range(columns):
         for ring in range(rings):
-            clear = returns.range_m[column, ring]
-            cosine = returns.cosine[column, ring]
+            clear, cosine = returns.range_m[column, ring], returns.cosine[column, ring]
             if not np.isfinite(clear) or cosine <= 0.0:
                 continue
             solid, material = returns.solid[column, ring], returns.material[column, ring]
-            albedo = solids.albedo[solid] if solid >= 0 else _ground_albedo(material)
-            lost = receiver.drop_out + materials.mirror[material] * (1.0 - cosine)
-            shade = (albedo, materials.speckle[material], lost)
-            key = mix(np.uint64(seed), 8 * (column * 4096 + ring))
-            range_m, reflectance = _report(clear, cosine, shade, receiver, key)
-            if range_m > 0.0 and unit(mix(key, 5)) < receiver.edge_share:
-                range_m += _smear(returns.range_m, column, ring, unit(mix(key, 6)))
+            bright = albedo[solid] if solid >= 0 else _GROUND_ALBEDO + _GROUND_STEP * (material % 3)
+            loss = receiver.drop_out + materials.mirror[material] * (1.0 - cosine)
+            echo = _Echo(clear, cosine, bright, materials.speckle[material], loss)
+            key = random_bits(np.uint64(seed), _DRAWS * (column * _MOST_RINGS + ring))
+            range_m, reflectance = _report(echo, receiver, key)
+            if range_m > 0.0 and uniform(random_bits(key, _SPLIT)) < receiver.edge_share:
+                share = uniform(random_bits(key, _SPLIT_SHARE))
+                range_m += _split(returns.range_m, column, ring, share)
             if receiver.min_range_m <= range_m <= scan.max_range_m:
                 points.column[count], points.ring[count] = column, ring
                 points.range_m[count], points.reflectance[count] = range_m, reflectance
@@ -82,40 +101,25 @@ def receive(
 
 
 @compiled(error_model="numpy")
-def _report(
-    range_m: float,
-    cosine: float,
-    shade: tuple[float, float, float],
-    receiver: Receiver,
-    key: np.uint64,
-) -> tuple[float, float]:
-    """(range, reflectance) of one beam; range 0 where nothing is reported."""
-    albedo, speckle, lost = shade
-    if unit(mix(key, 1)) < lost:
+def _report(echo: _Echo, receiver: Receiver, key: np.uint64) -> tuple[float, float]:
+    """Return (range, reflectance) of one beam; range 0 where nothing is reported."""
+    if uniform(random_bits(key, _LOSS)) < echo.loss:
         return 0.0, 0.0
-    spread = max(1.0 + speckle * bell(mix(key, 2)), 0.1)
-    ratio = receiver.reach_m / range_m
-    power = albedo * spread * cosine / _REFERENCE_ALBEDO * ratio * ratio
-    if power < 6.0 and unit(mix(key, 3)) < np.exp(-1.1 * power):
+    spread = max(1.0 + echo.speckle * near_normal(random_bits(key, _SPECKLE)), _LEAST_SPECKLE)
+    ratio = receiver.reach_m / echo.range_m
+    power = echo.albedo * spread * echo.cosine / _REFERENCE_ALBEDO * ratio * ratio
+    draw = uniform(random_bits(key, _DETECTION))
+    if power < _SURE_POWER and draw < np.exp(-_DETECTION_RATE * power):
         return 0.0, 0.0
-    noise = receiver.range_noise_m + _SLANT_NOISE * (min(1.0 / cosine, 12.0) - 1.0)
-    shine = albedo * spread * (0.35 + 0.65 * cosine)
-    return range_m + noise * bell(mix(key, 4)), min(max(shine, 0.0), 1.0)
+    slant = min(1.0 / echo.cosine, _MOST_SLANT) - 1.0
+    noise = receiver.range_noise_m + _SLANT_NOISE_M * slant
+    shine = echo.albedo * spread * (_DULL + _SHINY * echo.cosine)
+    range_m = echo.range_m + noise * near_normal(random_bits(key, _NOISE))
+    return range_m, min(max(shine, 0.0), 1.0)
 
 
 @compiled
-def _ground_albedo(material: int) -> float:
-    """Asphalt is dark; what stands out from it is brighter."""
-    return _GROUND_ALBEDO + 0.05 * (material % 3)
-
-
-@compiled
-def _smear(range_m: F64, column: int, ring: int, share: float) -> float:
-    """A beam split by an edge reports a range between the two surfaces, if they are close."""
+def _split(range_m: F64, column: int, ring: int, share: float) -> float:
+    """Return by how much a beam split by an edge reports more than its first surface."""
     gap = range_m[min(column + 1, range_m.shape[0] - 1), ring] - range_m[column, ring]
     return share * gap if abs(gap) < _EDGE_M else 0.0
-
-
-def is_ground(returns: Returns, points: Points) -> Mask:
-    """(N,) whether each reported point lies on the ground."""
-    return np.asarray(returns.solid[points.column, points.ring] == GROUND)

@@ -1,4 +1,4 @@
-"""The shapes that a ray can hit, as a structure of arrays that numba takes as one argument."""
+"""The solids that a ray can hit, as a structure of arrays that numba takes as one argument."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I8, I16, I64, Mask
+from mottrack.world.materials import Surface
 
 BOX, CYLINDER, ELLIPSOID = 0, 1, 2
 BACKGROUND = -1
@@ -23,7 +25,7 @@ class Solids(NamedTuple):
     kind: I8
     """(P,) BOX, CYLINDER (upright, elliptic) or ELLIPSOID."""
     centre_m: F64
-    """(P, 3) middle of the solid."""
+    """(P, 3)"""
     half_m: F64
     """(P, 3) half extents along its own axes."""
     yaw_rad: F64
@@ -41,40 +43,62 @@ class Solids(NamedTuple):
     albedo: F64
     """(P,) diffuse reflectivity in [0, 1]."""
     owner: I64
-    """(P,) row of the mover that it belongs to, BACKGROUND for the static world."""
+    """(P,) row of the agent that it belongs to, BACKGROUND for the static world."""
+
+
+class SolidPose(NamedTuple):
+    """Where a solid is at one time, world frame."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    yaw_rad: float
+
+
+@compiled
+def solid_pose_at(solids: Solids, p: int, tau_s: float) -> SolidPose:
+    """Return the pose of solid ``p`` at a time relative to the stamp."""
+    half = 0.5 * tau_s * tau_s
+    centre, velocity, acceleration = solids.centre_m, solids.velocity_mps, solids.acceleration_mps2
+    return SolidPose(
+        centre[p, 0] + tau_s * velocity[p, 0] + half * acceleration[p, 0],
+        centre[p, 1] + tau_s * velocity[p, 1] + half * acceleration[p, 1],
+        centre[p, 2] + tau_s * velocity[p, 2] + half * acceleration[p, 2],
+        solids.yaw_rad[p] + tau_s * solids.yaw_rate_radps[p],
+    )
 
 
 class SolidsBuilder:
-    """Collects resting solids one by one or by the row."""
+    """A list of resting solids that grows."""
 
     def __init__(self) -> None:
-        self._rows: list[F64] = []
+        self._rows: list[list[float]] = []
 
     def add(
         self,
         kind: int,
         centre_m: Sequence[float],
         half_m: Sequence[float],
+        surface: Surface,
         yaw_rad: float = 0.0,
-        surface: tuple[int, float] = (0, 0.3),
     ) -> None:
-        """Adds one solid; ``surface`` is (material, albedo)."""
-        row = [kind, *centre_m, *half_m, yaw_rad, 0.0, 0.0, *surface]
-        self._rows.append(np.array([row]))
+        """Add one solid with uncut edges."""
+        self._rows.append([kind, *centre_m, *half_m, yaw_rad, 0.0, 0.0, *surface])
 
-    def add_box_with_cuts(
+    def add_box(
         self,
         centre_m: Sequence[float],
         half_m: Sequence[float],
-        cuts_m: tuple[float, float],
-        surface: tuple[int, float],
+        surface: Surface,
+        yaw_rad: float = 0.0,
+        chamfer_m: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Adds a box whose upright and upper edges are cut off by ``cuts_m`` (local frame)."""
-        self._rows.append(np.array([[BOX, *centre_m, *half_m, 0.0, *cuts_m, *surface]]))
+        """Add a box, its upright and its upper edges cut off by ``chamfer_m``."""
+        self._rows.append([BOX, *centre_m, *half_m, yaw_rad, *chamfer_m, *surface])
 
-    def build(self, owner: int = BACKGROUND) -> Solids:
-        """All solids, at rest, of one owner."""
-        table = np.concatenate(self._rows) if self._rows else np.zeros((0, 12))
+    def build(self) -> Solids:
+        """Return all solids, at rest and part of the background."""
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, 12)
         n = len(table)
         return Solids(
             kind=table[:, 0].astype(np.int8),
@@ -87,17 +111,17 @@ class SolidsBuilder:
             yaw_rate_radps=np.zeros(n),
             material=table[:, 10].astype(np.int16),
             albedo=table[:, 11].copy(),
-            owner=np.full(n, owner, dtype=np.int64),
+            owner=np.full(n, BACKGROUND, dtype=np.int64),
         )
 
 
 def concatenate(parts: Sequence[Solids]) -> Solids:
-    """All solids of all parts, in that order."""
+    """Return all solids of all parts, in that order."""
     together: list[Any] = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
     return Solids(*together)
 
 
 def select(solids: Solids, index: Mask | I64) -> Solids:
-    """The solids that a mask or an index picks."""
+    """Return the solids that a mask or an index picks."""
     picked: list[Any] = [array[index] for array in solids]
     return Solids(*picked)

@@ -1,25 +1,27 @@
-"""Makes one sweep of a world: scan, cast, receive, compensate for motion."""
+"""Simulation of one sweep of a world: scan, cast, receive, compensate for motion."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F32, F64, I64, Mask
+from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep
-from mottrack.world import raycast
-from mottrack.world.culling import Scan
+from mottrack.world.culling import ScanPattern
 from mottrack.world.ego import PoseError, ego_posture, odometry, rotations
-from mottrack.world.receiver import Points, Receiver, is_ground, receive
+from mottrack.world.intersect import Vector
+from mottrack.world.raycast import GROUND, SceneGeometry, cast
+from mottrack.world.receiver import Points, Receiver, receive
 from mottrack.world.sensor import SensorModel
 from mottrack.world.solids import BACKGROUND
 from mottrack.world.states import States
 from mottrack.world.world import World
 
-_KNOTS = 5
-_MIN_RANGE_M = 1.5
+_KNOTS = 5  # Postures computed within a scan; between them 25 ms are straight
+_MIN_RANGE_M = 1.5  # The own vehicle, which is not simulated, would hide what is nearer
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class PointTruth:
     object_id: I64
     """(N,) identity as in Truth, -1 for ground and static background."""
     velocity_mps: F32
-    """(N, 2) velocity of the rigid object at that point (turning included, legs not), over the
+    """(N, 2) velocity of the rigid object at that point (rotation included, legs not), over the
     ground, in the axes of the sweep's ego frame, at the sweep's stamp; 0 for background."""
     is_ground: Mask
     """(N,) whether the point lies on the ground (road, pavement, grass)."""
@@ -41,13 +43,14 @@ class Rig:
 
     sensor: SensorModel
     period_s: float
-    """Time of one turn."""
-    rolling: bool = True
-    """Whether columns fire one after the other; otherwise the whole turn is one flash."""
+    """Time of one revolution."""
+    rolling: bool
+    """Whether columns fire one after the other; otherwise the whole revolution is one flash."""
+    pose_error: PoseError
     tilt_rad: tuple[float, float] = (0.0, 0.0)
     """Pitch and roll of the sensor against the vehicle (known to the calibration)."""
     edge_share: float = 0.15
-    pose_error: PoseError = field(default_factory=PoseError)
+    """Share of beams at a depth edge that report a range in between; chosen by eye."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +60,15 @@ class ScanResult:
     sweep: Sweep
     truth: PointTruth
     states: States
-    """All movers at the stamp, world frame."""
+    """All agents at the stamp, world frame."""
     count: I64
-    """(N movers,) returns on each."""
+    """(agents,) returns on each."""
     posture: F64
     """(6,) true posture of the ego vehicle at the stamp."""
 
 
 def scan(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) -> ScanResult:
-    """The sweep whose turn ends at ``time_s``, which is its stamp.
+    """Simulate the sweep whose revolution ends at ``time_s``, which is its stamp.
 
     Args:
         world: what is there.
@@ -75,29 +78,39 @@ def scan(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) ->
     """
     rng = np.random.default_rng(draw)
     ray_seed, noise_seed = (int(s) for s in rng.integers(0, 2**62, 2))
-    posture = ego_posture(world, time_s)
-    scan = _scan(world, rig, time_s)
-    solids = world.solids(time_s, posture[:2], rig.sensor.max_range_m)
-    scene = raycast.World(solids, world.materials, world.terrain)
-    returns = raycast.cast(scan, scene, ray_seed)
-    sensor = rig.sensor
+    posture, sensor = ego_posture(world, time_s), rig.sensor
+    pattern = _scan_pattern(world, rig, time_s)
+    solids = world.solids(time_s, posture[:2], sensor.max_range_m)
+    scene = SceneGeometry(solids, world.materials, world.terrain)
+    returns = cast(pattern, scene, ray_seed)
     receiver = Receiver(
         sensor.reach_m, _MIN_RANGE_M, sensor.range_noise_m, sensor.drop_out, rig.edge_share
     )
-    points = receive(scan, returns, (solids, world.materials), receiver, noise_seed)
-    owner = raycast.owners(returns, solids)[points.column, points.ring]
-    sweep = _sweep(scan, points, (posture, rig, rng), time_s)
+    points = receive(pattern, returns, scene, receiver, noise_seed)
+    hit = returns.solid[points.column, points.ring]
+    owner = np.where(hit >= 0, solids.owner[np.maximum(hit, 0)], BACKGROUND)
+    xyz = _to_ego(pattern, points, posture[:3], rotations(posture[None])[0])
+    xyz -= _compensation_error(pattern, points, posture, rig, rng.standard_normal())
+    sweep = Sweep(
+        xyz_m=xyz.astype(np.float32),
+        reflectance=points.reflectance,
+        stamp_ns=round(time_s * 1e9),
+        world_T_ego=odometry(posture, rig.pose_error, rng, time_s),
+        origin_m=np.array([sensor.forward_m, 0.0, sensor.height_m]),
+        time_offset_ns=np.rint(pattern.time_s * 1e9).astype(np.int64)[points.column],
+        ring=points.ring.astype(np.int16),
+    )
     states = world.states(time_s)
-    ground = is_ground(returns, points)
-    truth = PointTruth(owner, _velocities(sweep, owner, states, posture), ground)
+    velocity = _velocities(sweep, owner, states, posture)
+    truth = PointTruth(owner, velocity, hit == GROUND)
     count = np.bincount(owner[owner >= 0], minlength=len(world.label))
     return ScanResult(sweep, truth, states, count, posture)
 
 
-def _scan(world: World, rig: Rig, time_s: float) -> Scan:
+def _scan_pattern(world: World, rig: Rig, time_s: float) -> ScanPattern:
     sensor, columns = rig.sensor, rig.sensor.columns
-    turn = (np.arange(columns) + 0.5) / columns
-    offset = (turn - 1.0) * rig.period_s if rig.rolling else np.zeros(columns)
+    fired = (np.arange(columns) + 0.5) / columns
+    offset = (fired - 1.0) * rig.period_s if rig.rolling else np.zeros(columns)
     knots = np.linspace(-rig.period_s, 0.0, _KNOTS)
     postures = np.array([ego_posture(world, time_s + k) for k in knots])
     posture = np.column_stack([np.interp(offset, knots, column) for column in postures.T])
@@ -105,78 +118,64 @@ def _scan(world: World, rig: Rig, time_s: float) -> Scan:
     mount = np.array([sensor.forward_m, 0.0, sensor.height_m])
     tilt = rotations(np.array([[0.0, 0.0, 0.0, 0.0, *rig.tilt_rad]]))[0]
     direction = -1.0 if sensor.clockwise else 1.0
-    return Scan(
+    return ScanPattern(
         time_s=offset,
         origin_m=posture[:, :3] + ego @ mount,
         rotation=np.ascontiguousarray(ego @ tilt),
-        azimuth_rad=sensor.start_rad + direction * 2.0 * np.pi * turn,
+        azimuth_rad=sensor.start_rad + direction * 2.0 * np.pi * fired,
         elevation_rad=sensor.elevation_rad,
         offset_rad=sensor.offset_rad,
         max_range_m=sensor.max_range_m,
     )
 
 
-def _sweep(
-    scan: Scan,
-    points: Points,
-    state: tuple[F64, Rig, np.random.Generator],
-    time_s: float,
-) -> Sweep:
-    """Points in the ego frame at the stamp, moved there by a slightly wrong odometry."""
-    posture, rig, rng = state
-    ego = rotations(posture[None])[0]
-    xyz = _to_ego(scan, points, posture[:3], ego)
-    travel = (scan.origin_m[-1] - scan.origin_m[0]) @ ego
-    late = scan.time_s[points.column] / rig.period_s
-    xyz -= (late * rig.pose_error.speed_share * rng.standard_normal())[:, None] * travel
-    return Sweep(
-        xyz_m=xyz.astype(np.float32),
-        reflectance=points.reflectance,
-        stamp_ns=round(time_s * 1e9),
-        world_T_ego=odometry(posture, rig.pose_error, rng, time_s),
-        origin_m=np.array([rig.sensor.forward_m, 0.0, rig.sensor.height_m]),
-        time_offset_ns=np.rint(scan.time_s * 1e9).astype(np.int64)[points.column],
-        ring=points.ring.astype(np.int16),
-    )
+def _compensation_error(
+    pattern: ScanPattern, points: Points, posture: F64, rig: Rig, draw: float
+) -> F64:
+    """Return (N, 3) by how much a wrong speed of the odometry shifts the points."""
+    travel = (pattern.origin_m[-1] - pattern.origin_m[0]) @ rotations(posture[None])[0]
+    late: F64 = pattern.time_s[points.column] / rig.period_s
+    return np.outer(late * rig.pose_error.speed_share * draw, travel)
 
 
 @compiled
-def _to_ego(scan: Scan, points: Points, place_m: F64, turn: F64) -> F64:
-    """(N, 3) reported points in the ego frame at the stamp."""
+def _to_ego(pattern: ScanPattern, points: Points, place_m: F64, world_R_ego: F64) -> F64:
+    """Return (N, 3) the reported points in the ego frame at the stamp."""
     out = np.empty((len(points.column), 3))
-    rings = np.empty((len(scan.elevation_rad), 2))
-    rings[:, 0], rings[:, 1] = np.cos(scan.elevation_rad), np.sin(scan.elevation_rad)
-    rotation, origin, column, ring = scan.rotation, scan.origin_m, points.column, points.ring
+    rings = np.empty((len(pattern.elevation_rad), 2))
+    rings[:, 0], rings[:, 1] = np.cos(pattern.elevation_rad), np.sin(pattern.elevation_rad)
+    rotation, origin, column, ring = pattern.rotation, pattern.origin_m, points.column, points.ring
     for i in range(len(out)):
         c, e = column[i], ring[i]
-        azimuth = scan.azimuth_rad[c] + scan.offset_rad[e]
-        x, y, z = rings[e, 0] * np.cos(azimuth), rings[e, 0] * np.sin(azimuth), rings[e, 1]
+        azimuth = pattern.azimuth_rad[c] + pattern.offset_rad[e]
+        ray = Vector(rings[e, 0] * np.cos(azimuth), rings[e, 0] * np.sin(azimuth), rings[e, 1])
         r, o = points.range_m[i], place_m
-        wx = origin[c, 0] - o[0] + r * _turned(rotation, c, 0, (x, y, z))
-        wy = origin[c, 1] - o[1] + r * _turned(rotation, c, 1, (x, y, z))
-        wz = origin[c, 2] - o[2] + r * _turned(rotation, c, 2, (x, y, z))
+        x = origin[c, 0] - o[0] + r * _rotated(rotation, c, 0, ray)
+        y = origin[c, 1] - o[1] + r * _rotated(rotation, c, 1, ray)
+        z = origin[c, 2] - o[2] + r * _rotated(rotation, c, 2, ray)
         for axis in range(3):
-            out[i, axis] = turn[0, axis] * wx + turn[1, axis] * wy + turn[2, axis] * wz
+            out[i, axis] = (
+                world_R_ego[0, axis] * x + world_R_ego[1, axis] * y + world_R_ego[2, axis] * z
+            )
     return out
 
 
 @compiled(inline="always")
-def _turned(rotation: F64, c: int, axis: int, ray: tuple[float, float, float]) -> float:
-    """One coordinate of a direction turned by the rotation of a column."""
-    level = rotation[c, axis, 0] * ray[0] + rotation[c, axis, 1] * ray[1]
-    return float(level + rotation[c, axis, 2] * ray[2])
+def _rotated(rotation: F64, c: int, axis: int, ray: Vector) -> float:
+    """Return one coordinate of a direction rotated by the rotation of a column."""
+    level = rotation[c, axis, 0] * ray.x + rotation[c, axis, 1] * ray.y
+    return float(level + rotation[c, axis, 2] * ray.z)
 
 
 def _velocities(sweep: Sweep, owner: I64, states: States, posture: F64) -> F32:
-    """(N, 2) rigid velocity of each point in ego axes."""
-    c, s = np.cos(posture[3]), np.sin(posture[3])
+    """Return the (N, 2) rigid velocity of each point in ego axes."""
     out = np.zeros((len(owner), 2))
     hit = np.flatnonzero(owner != BACKGROUND)
-    who = owner[hit]
-    ego_R_world = np.array([[c, s], [-s, c]])
-    velocity = states.velocity_mps[who, :2] @ ego_R_world.T
-    centre = (states.xy_m[who] - posture[:2]) @ ego_R_world.T
+    row = owner[hit]
+    world_R_ego = rotation_2d(posture[3])
+    velocity = states.velocity_mps[row, :2] @ world_R_ego
+    centre = (states.xy_m[row] - posture[:2]) @ world_R_ego
     arm = sweep.xyz_m[hit, :2] - centre
-    rate = states.yaw_rate_radps[who]
+    rate = states.yaw_rate_radps[row]
     out[hit] = velocity + np.column_stack([-rate * arm[:, 1], rate * arm[:, 0]])
     return out.astype(np.float32)

@@ -9,15 +9,18 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.sweep import Sweep
+from mottrack.world.config import DensityConfig
 from mottrack.world.ego import PoseError
 from mottrack.world.sensor import random_sensor
 from mottrack.world.sweep_maker import PointTruth, Rig, scan
-from mottrack.world.traffic import Density
 from mottrack.world.world import World, WorldPlan, build_world
 
 _WORLD, _RIG, _FIRST, _SECOND = range(4)
-_WARM_UP_S = 0.3
+_SPAWN_KEY = 1_000_003
+"""Keeps the draws of training pairs apart from those of scenes, whose keys are below it."""
+_WARM_UP_S = 0.3  # Three steps of the traffic: a pair needs no settled queues
 _SIGHT_M = 85.0
+"""Beyond the corners of the grids that networks learn on; a scene's would take longer to build."""
 
 
 class TrainingConfig(StrictModel):
@@ -47,7 +50,7 @@ class TrainingPair:
 
 
 def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -> TrainingPair:
-    """Builds pair ``index`` of a seed: the same on every call and in any process.
+    """Build pair ``index`` of a seed: the same on every call and in any process.
 
     Args:
         seed: of the training set.
@@ -65,27 +68,28 @@ def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -
 
 
 def _source(seed: int, index: int, purpose: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed, spawn_key=(1_000_003, index, purpose))
+    return np.random.SeedSequence(seed, spawn_key=(_SPAWN_KEY, index, purpose))
 
 
+# the ranges below are chosen by eye, around what scenes have by default
 def _world(rng: np.random.Generator, interval_s: float) -> World:
-    density = Density(
+    density = DensityConfig(
         vehicles=float(rng.uniform(0.5, 1.6)),
         pedestrians=float(rng.uniform(0.4, 2.0)),
         parked=float(rng.uniform(0.6, 1.1)),
         unknown=2.0,
-        mid_turn=True,
     )
-    return build_world(rng, WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M))
+    plan = WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M, mid_turn=True)
+    return build_world(rng, plan)
 
 
 def _rig(rng: np.random.Generator, config: TrainingConfig, interval_s: float) -> Rig:
     jitter = float(rng.beta(1.0, 2.0))
     tilt = np.deg2rad(config.worst_tilt_deg) * rng.uniform(-1.0, 1.0, 2)
-    turn = min(interval_s, float(rng.choice([0.05, 0.1], p=[0.3, 0.7])))
+    period = min(interval_s, float(rng.choice([0.05, 0.1], p=[0.3, 0.7])))  # 20 or 10 Hz
     return Rig(
         sensor=replace(random_sensor(rng), max_range_m=_SIGHT_M),
-        period_s=turn,
+        period_s=period,
         rolling=bool(rng.random() < config.rolling_share),
         tilt_rad=(float(tilt[0]), float(tilt[1])),
         edge_share=float(rng.uniform(0.0, 0.3)),

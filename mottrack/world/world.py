@@ -1,4 +1,4 @@
-"""One world: roads, ground, what stands there, and who moves."""
+"""One world: roads, ground, roadside, traffic and parked vehicles."""
 
 from __future__ import annotations
 
@@ -7,22 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from mottrack.core.arrays import F64, Texts
-from mottrack.world import street
-from mottrack.world.bodies import Body, Troupe, gather, make_body
-from mottrack.world.driving import Motion, simulate
-from mottrack.world.ground import Extent, lay_ground
+from mottrack.world.bodies import Bodies, gather, make_body
+from mottrack.world.catalogue import Size
+from mottrack.world.config import DensityConfig
+from mottrack.world.driving import Motion, random_signals, simulate
+from mottrack.world.ground import Extent, build_ground
 from mottrack.world.materials import Materials, material_table
-from mottrack.world.roads import RoadNetwork, build_network
-from mottrack.world.roadside import Parked, Verge
-from mottrack.world.signals import random_signals
+from mottrack.world.roads import build_network
+from mottrack.world.roadside import ParkedVehicle, RoadsideStrip
 from mottrack.world.solids import Solids, SolidsBuilder, concatenate, select
-from mottrack.world.staging import stage
-from mottrack.world.states import States, join, resting, traffic_states
+from mottrack.world.states import States, join, place_bodies, resting, traffic_states
+from mottrack.world.street import line_road
 from mottrack.world.terrain import Terrain, heights_at
-from mottrack.world.traffic import Density, Traffic, populate
-from mottrack.world.unknown import Strays, draw_strays
+from mottrack.world.traffic import Traffic, populate
+from mottrack.world.unknown import UnknownObjects, draw_unknown_objects
 
 _PLACES = ("urban", "residential", "motorway")
+_PLACE_SHARES = (0.5, 0.3, 0.2)
+_FASTEST_MPS = {"urban": 14.0, "residential": 9.0, "motorway": 32.0}
+"""Sets how long the roads are, a little under the highest limits of roads.py."""
+_UNKNOWN_PER_SCENE = 1.5
 
 
 @dataclass(frozen=True)
@@ -31,18 +35,24 @@ class WorldPlan:
 
     place: str
     """``urban``, ``residential``, ``motorway`` or ``random``."""
-    density: Density
+    density: DensityConfig
     duration_s: float
     warm_up_s: float
+    """Simulated before the scene begins, so that traffic has settled."""
     sight_m: float = 130.0
     """How far from the ego vehicle the world is filled."""
+    mid_turn: bool = False
+    """Whether vehicles may be in the middle of a turn when the scene begins."""
 
 
 @dataclass(frozen=True)
 class World:
-    """A built world; movers are numbered traffic first (0 is the ego vehicle), parked, strays."""
+    """A built world.
 
-    network: RoadNetwork
+    Agents are numbered traffic first (0 is the ego vehicle), then parked vehicles, then unknown
+    objects.
+    """
+
     terrain: Terrain
     materials: Materials
     static: Solids
@@ -50,25 +60,25 @@ class World:
     motion: Motion
     warm_up_s: float
     parked: States
-    strays: Strays
-    troupe: Troupe
-    """Bodies of all movers but the ego vehicle, which the sensor on its roof does not see."""
+    unknown: UnknownObjects
+    bodies: Bodies
+    """Bodies of all agents but the ego vehicle, which the sensor on its roof does not see."""
     label: Texts
     size_m: F64
 
     def states(self, time_s: float) -> States:
-        """All movers at a time of the scene."""
+        """Return the states of all agents at a time of the scene."""
         driven = traffic_states(self.traffic, self.motion, time_s + self.warm_up_s)
-        return join(join(driven, self.parked), self.strays.states(time_s))
+        return join([driven, self.parked, self.unknown.states(time_s)])
 
     def floor_m(self, states: States) -> F64:
-        """(N,) height of each mover's underside in the world."""
-        return np.asarray(heights_at(self.terrain, states.xy_m) + states.lift_m)
+        """Return (N,) the height of each agent's underside in the world."""
+        return heights_at(self.terrain, states.xy_m) + states.lift_m
 
     def solids(self, time_s: float, near_xy_m: F64, reach_m: float) -> Solids:
-        """Everything within ``reach_m`` of a place, at a time."""
+        """Return everything within ``reach_m`` of a place, at a time."""
         states = self.states(time_s)
-        moving = stage(self.troupe, states, self.floor_m(states))
+        moving = place_bodies(self.bodies, states, self.floor_m(states))
         everything = concatenate([self.static, moving])
         away = np.hypot(*(everything.centre_m[:, :2] - near_xy_m).T)
         size = np.hypot(everything.half_m[:, 0], everything.half_m[:, 1])
@@ -76,106 +86,57 @@ class World:
 
 
 def build_world(rng: np.random.Generator, plan: WorldPlan) -> World:
-    """Builds a world; the same generator state gives the same world."""
+    """Build a world; the same generator state gives the same world."""
     place = plan.place
     if place == "random":
-        place = str(rng.choice(_PLACES, p=[0.5, 0.3, 0.2]))
-    fastest = {"urban": 14.0, "residential": 9.0, "motorway": 32.0}[place]
-    way = fastest * plan.duration_s
-    network = build_network(rng, place, plan.sight_m + 0.7 * way + 30.0)
-    ego_start = float(rng.uniform(0.15, 0.7)) * way + float(rng.uniform(-20.0, 35.0))
-    traffic = populate(rng, network, plan.density, ego_start)
+        place = str(rng.choice(_PLACES, p=_PLACE_SHARES))
+    drive_m = _FASTEST_MPS[place] * plan.duration_s
+    network = build_network(rng, place, plan.sight_m + 0.7 * drive_m + 30.0)
+    # before the origin by most of the drive, so that an intersection is passed in most scenes
+    ego_start = float(rng.uniform(0.15, 0.7)) * drive_m + float(rng.uniform(-20.0, 35.0))
+    traffic = populate(rng, network, plan.density, ego_start, mid_turn=plan.mid_turn)
     signals = random_signals(rng, 2 * len(network.roads))
-    motion = simulate(traffic, signals, (-plan.warm_up_s, plan.duration_s + 0.2))
-    terrain = lay_ground(rng, network, _extent(traffic, motion, plan.sight_m))
-    static, parked = _line_roads(rng, network, terrain, plan.density)
-    near = float(network.roads[0].origin_s_m - ego_start)
-    strays = draw_strays(rng, network, 1.5 * plan.density.unknown, near)
-    return _assemble(rng, (network, terrain, static), (traffic, motion, plan), (parked, strays))
-
-
-def _extent(traffic: Traffic, motion: Motion, sight_m: float) -> Extent:
-    """The area that the ego vehicle can see on its way."""
-    route = traffic.routes[int(traffic.path[0])].curve
-    xy = route.at(motion.s_m[:, 0], np.zeros(len(motion.s_m)))[:, :2]
-    low, high = xy.min(axis=0) - sight_m, xy.max(axis=0) + sight_m
-    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-
-def _line_roads(
-    rng: np.random.Generator, network: RoadNetwork, terrain: Terrain, density: Density
-) -> tuple[Solids, Parked]:
-    """Puts up what stands along the roads, within the terrain."""
-    build, parked = SolidsBuilder(), Parked()
+    motion = simulate(traffic, signals, -plan.warm_up_s, plan.duration_s + 0.2)
+    terrain = build_ground(rng, network, _extent(traffic, motion, plan.sight_m))
+    build, parked = SolidsBuilder(), list[ParkedVehicle]()
     for road in network.roads:
         for side in (1, -1):
-            verge = Verge(network, road, side, terrain, build, parked, rng)
-            span = _span_on_terrain(verge)
-            if span[1] - span[0] < 10.0:
-                continue
-            if side == 1:
-                street.median(verge, span)
-            if side == 1 and rng.random() < (0.4 if network.kind == "motorway" else 0.08):
-                street.bridge(verge, span)
-            if network.kind == "motorway":
-                street.motorway_verge(verge, span)
-                continue
-            share = float(rng.choice([0.0, 0.4, 0.7, 0.92])) * density.parked
-            street.park_row(verge, span, share)
-            street.furniture_strip(verge, span)
-            back = road.profile.pavement_m
-            line = street.building_line if _is_built_up(rng, network) else street.garden_line
-            line(verge, span, back)
-            street.doorsteps(verge, span, back)
-            street.back_land(verge, span, back)
-    return build.build(), parked
-
-
-def _is_built_up(rng: np.random.Generator, network: RoadNetwork) -> bool:
-    return bool(rng.random() < (0.7 if network.kind == "urban" else 0.15))
-
-
-def _span_on_terrain(verge: Verge) -> tuple[float, float]:
-    """First and last arc length of a road on the terrain."""
-    (x0, y0, per_m), shape = verge.terrain.frame, verge.terrain.height_m.shape
-    xy = verge.road.centre.xy_m
-    inside = (xy[:, 0] > x0) & (xy[:, 0] < x0 + shape[1] / per_m)
-    inside &= (xy[:, 1] > y0) & (xy[:, 1] < y0 + shape[0] / per_m)
-    rows = np.flatnonzero(inside)
-    return (0.5 * rows[0], 0.5 * rows[-1]) if len(rows) else (0.0, 0.0)
-
-
-def _assemble(
-    rng: np.random.Generator,
-    scenery: tuple[RoadNetwork, Terrain, Solids],
-    driving: tuple[Traffic, Motion, WorldPlan],
-    extras: tuple[Parked, Strays],
-) -> World:
-    network, terrain, static = scenery
-    traffic, motion, plan = driving
-    parked, strays = extras
-    parked_size = np.array(parked.size_m).reshape(len(parked.label), 3)
-    label = np.concatenate([traffic.label, np.array(parked.label, dtype=np.str_), strays.label])
-    size = np.concatenate([traffic.size_m, parked_size, strays.size_m])
-    bodies = [make_body(rng, str(name), tuple(s)) for name, s in zip(label, size, strict=True)]
-    place = np.array(parked.place).reshape(len(parked.label), 3)
+            strip = RoadsideStrip(network, road, side, terrain, build, parked, rng)
+            line_road(strip, plan.density.parked)
+    near = float(network.roads[0].origin_s_m - ego_start)
+    mean_count = _UNKNOWN_PER_SCENE * plan.density.unknown
+    unknown = draw_unknown_objects(rng, network, mean_count, near)
+    parked_place = np.array([vehicle.place for vehicle in parked]).reshape(-1, 3)
+    parked_size = np.array([vehicle.size_m for vehicle in parked]).reshape(-1, 3)
+    parked_label = np.array([vehicle.label for vehicle in parked], dtype=np.str_)
+    label = np.concatenate([traffic.label, parked_label, unknown.label])
+    size = np.concatenate([traffic.agents.size_m, parked_size, unknown.size_m])
     return World(
-        network=network,
         terrain=terrain,
         materials=material_table(),
-        static=static,
+        static=build.build(),
         traffic=traffic,
         motion=motion,
         warm_up_s=plan.warm_up_s,
-        parked=resting(place[:, :2], place[:, 2]),
-        strays=strays,
-        troupe=_without_ego(bodies),
+        parked=resting(parked_place[:, :2], parked_place[:, 2]),
+        unknown=unknown,
+        bodies=_bodies(rng, label, size),
         label=label,
         size_m=size,
     )
 
 
-def _without_ego(bodies: list[Body]) -> Troupe:
-    troupe = gather(bodies)
-    keep = troupe.solids.owner != 0
-    return Troupe(select(troupe.solids, keep), troupe.swing_m[keep], troupe.stride_m[keep])
+def _extent(traffic: Traffic, motion: Motion, sight_m: float) -> Extent:
+    """Return the area that the ego vehicle can see on its drive."""
+    route = traffic.routes[int(traffic.agents.path[0])].curve
+    xy = route.at(motion.s_m[:, 0], np.zeros(len(motion.s_m)))[:, :2]
+    (x_min, y_min), (x_max, y_max) = xy.min(axis=0) - sight_m, xy.max(axis=0) + sight_m
+    return Extent(float(x_min), float(x_max), float(y_min), float(y_max))
+
+
+def _bodies(rng: np.random.Generator, label: Texts, size_m: F64) -> Bodies:
+    bodies = gather(
+        [make_body(rng, str(name), Size(*size)) for name, size in zip(label, size_m, strict=True)]
+    )
+    keep = bodies.solids.owner != 0
+    return Bodies(select(bodies.solids, keep), bodies.swing_m[keep], bodies.stride_m[keep])

@@ -19,7 +19,7 @@ def run(*arguments):
 
 @pytest.mark.parametrize("name", ["kitti", "nuscenes", "argoverse2"])
 def test_a_whole_data_set_has_no_fault(name, written_roots):
-    """The kind is told by the layout alone."""
+    """The kind follows from the layout alone."""
     result = run("check", written_roots[name], "--workers", 1)
     assert result.exit_code == 0, result.output
     assert result.output.startswith(f"{name}: 1 scenes")
@@ -68,7 +68,7 @@ def test_synth_writes_a_new_folder_only(tmp_path):
 
 
 def test_submit_writes_every_sample_of_a_run(written_roots, tmp_path):
-    """At most 500 boxes a sample, the surest; and a scene that was not tracked is noticed."""
+    """At most 500 boxes a sample, those of the highest score; a missing scene is an error."""
     dataset = NuScenes(NuScenesConfig(root=written_roots["nuscenes"], rate_hz=2))
     scene = dataset.scene(dataset.scene_names[0])
     frames = [scene.frame(i) for i in range(len(scene))]

@@ -1,161 +1,183 @@
-"""What every data set keeps: one body over the embedded world and each format on disk."""
+"""Laws that every data set of the table `DATASETS` keeps: one body over all of them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
 
 import numpy as np
+import pytest
 
-from mottrack.core import Dataset, Scene
+from mottrack.core import ConfigError, DataError, Dataset, InputError, Scene
+from mottrack.datasets import DATASETS
 from mottrack.lidar.in_boxes import points_in_boxes
+from tests.datasets.makers import MAKERS, maker, open_dataset
 
-# metres that the format's own rounding may move a point, a box, a pose
-POINT_M = {"synthetic": 1e-6, "kitti": 1e-6, "nuscenes": 2e-5, "argoverse2": 0.07}
-BOX_M = {"synthetic": 1e-9, "kitti": 5e-6, "nuscenes": 1e-9, "argoverse2": 1e-9}
-"""KITTI writes six digits, Argoverse stores half floats: 6 cm beyond 64 m."""
-
-
-def frames(scene):
-    return [scene.frame(i) for i in range(len(scene))]
+ON_DISK = [kind for kind in DATASETS if kind not in MAKERS or MAKERS[kind].write]
+NAMING_FILES = [kind for kind in ON_DISK if kind not in MAKERS or MAKERS[kind].escape]
 
 
-def pairs(written):
-    """Frames as read beside those of the source; nuScenes ends with its last key frame."""
-    read, source = frames(written.read), frames(written.source)
-    if written.format == "nuscenes":
-        last = max(i for i, frame in enumerate(source) if frame.is_key)
-        source = source[: last + 1]
-    return list(zip(read, source, strict=True))
+@pytest.fixture(scope="module")
+def root_of(tmp_path_factory) -> Callable[[str], Path]:
+    """Return the folder of a kind's small instance, which is written once."""
+    roots: dict[str, Path] = {}
+
+    def root(kind: str) -> Path:
+        if kind not in roots:
+            roots[kind] = tmp_path_factory.mktemp(kind)
+            made = maker(kind)
+            if made.write:
+                made.write(roots[kind])
+        return roots[kind]
+
+    return root
 
 
-def test_implements_the_protocol(written, opened):
-    assert isinstance(written.read, Scene)
-    assert written.read.has_sweeps
-    if written.format != "synthetic":
-        assert isinstance(opened(written.format), Dataset)
+@pytest.fixture(params=DATASETS)
+def dataset(request, root_of) -> Dataset:
+    return open_dataset(request.param, root_of(request.param))
 
 
-def test_stamps_increase_and_equal_the_sweeps(written):
-    stamps, source = np.array([(r.stamp_ns, s.stamp_ns) for r, s in pairs(written)]).T
+@pytest.fixture
+def scene(dataset) -> Scene:
+    return dataset.scene(dataset.scene_names[0])
+
+
+@pytest.fixture(params=DATASETS)
+def opened_twice(request, root_of) -> tuple[Dataset, Dataset]:
+    kind = request.param
+    return open_dataset(kind, root_of(kind)), open_dataset(kind, root_of(kind))
+
+
+def test_makers_make_what_the_table_names():
+    assert MAKERS.keys() <= DATASETS.keys()
+
+
+def test_implements_the_protocols(dataset, scene):
+    assert isinstance(dataset, Dataset)
+    assert dataset.name in DATASETS
+    assert isinstance(scene, Scene)
+    assert len(scene) > 1
+    assert scene.has_sweeps
+
+
+def test_scene_names_are_unique_and_name_the_scenes(dataset):
+    names = dataset.scene_names
+    assert isinstance(names, tuple)
+    assert len(set(names)) == len(names) > 1
+    assert [dataset.scene(name).name for name in names] == list(names)
+
+
+def test_an_unknown_scene_is_refused_with_the_nearest_name(dataset):
+    for name in dataset.scene_names:
+        near = f"{name}x"
+        with pytest.raises(ConfigError, match=f"unknown scene '{near}' .did you mean '{name}'"):
+            dataset.scene(near)
+
+
+def test_a_scene_outside_the_root_is_refused(dataset, tmp_path):
+    for name in ("../elsewhere", str(tmp_path), ".", ""):
+        with pytest.raises(ConfigError, match="unknown scene"):
+            dataset.scene(name)
+
+
+def test_frames_are_in_order_of_time_with_integer_stamps(scene):
+    stamps = [scene.frame(i).stamp_ns for i in range(len(scene))]
+    assert {type(stamp) for stamp in stamps} == {int}
     assert (np.diff(stamps) > 0).all()
-    assert np.abs((stamps - stamps[0]) - (source - source[0])).max() <= 1000
-    for index in (0, len(stamps) - 1):
-        sweep = written.read.sweep(index)
-        assert sweep.stamp_ns == stamps[index]
-        frame = written.read.frame(index)
+    assert any(scene.frame(i).is_key for i in range(len(scene)))
+
+
+def test_a_sweep_has_the_stamp_and_the_pose_of_its_frame(scene):
+    for index in range(len(scene)):
+        sweep, frame = scene.sweep(index), scene.frame(index)
+        assert len(sweep) > 100
+        assert sweep.stamp_ns == frame.stamp_ns
         np.testing.assert_array_equal(sweep.world_T_ego.matrix, frame.world_T_ego.matrix)
 
 
-def test_poses_are_rigid_and_survive(written):
-    for read, source in pairs(written):
-        rotation = read.world_T_ego.rotation
-        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(rotation) > 0
-        expected = written.read_T_source @ source.world_T_ego
-        np.testing.assert_allclose(read.world_T_ego.matrix, expected.matrix, atol=1e-7)
+def test_boxes_are_in_the_world(scene):
+    """Returns lie in the boxes once those are moved into the ego frame by the frame's pose."""
+    boxes_read = returns = 0
+    for index in range(len(scene)):
+        frame = scene.frame(index)
+        for boxes in (frame.truth, frame.detections):
+            if boxes is not None:
+                assert boxes.frame == "world"
+                ego = boxes.transformed(frame.world_T_ego.inverse(), "ego")
+                xyz_m = scene.sweep(index).xyz_m
+                found = points_in_boxes(xyz_m, ego.centre_m, ego.size_m, ego.yaw_rad)
+                boxes_read += len(boxes)
+                returns += found.start[-1]
+    assert returns >= 10 * boxes_read
 
 
-def test_boxes_contain_their_points(written):
-    """At least 95 % of the returns that the labels count lie in the boxes that are read."""
-    counted = inside = 0
-    for index, frame in enumerate(frames(written.read)):
-        if frame.is_key and frame.truth is not None:
-            source = written.source.frame(index).truth
-            ego = frame.truth.transformed(frame.world_T_ego.inverse(), "ego")
-            # a rolling scan and odometry blur a box by centimetres
-            size = ego.size_m + 0.2
-            xyz = written.read.sweep(index).xyz_m
-            found = np.diff(points_in_boxes(xyz, ego.centre_m, size, ego.yaw_rad).start)
-            labelled = source.num_points[_same_objects(source, frame.truth, written)]
-            counted += labelled.sum()
-            inside += np.minimum(found, labelled).sum()
-    assert counted > 1000
-    assert inside > 0.95 * counted
+def test_detections_have_labels_of_the_scene(scene):
+    assert scene.classes
+    for index in range(len(scene)):
+        detections = scene.frame(index).detections
+        if detections is not None:
+            assert set(detections.label.tolist()) <= set(scene.classes)
 
 
-def test_static_truth_stays_put_in_the_world(written):
-    places: dict[int, list] = {}
-    for frame, source in pairs(written):
-        if frame.truth is not None and frame.is_key:
-            rows = _same_objects(source.truth, frame.truth, written)
-            still = np.hypot(*source.truth.velocity_mps[rows].T) < 1e-6
-            for identity, centre in zip(
-                frame.truth.id[still].tolist(), frame.truth.centre_m[still], strict=True
-            ):
-                places.setdefault(identity, []).append(centre)
-    tracks = [np.array(p) for p in places.values() if len(p) > 1]
-    assert len(tracks) > 3
-    assert max(np.ptp(track, axis=0).max() for track in tracks) < 0.01
+def same(one: object, other: object) -> bool:
+    """Whether two values are equal to the bit, arrays and NaN included."""
+    if isinstance(one, np.ndarray):
+        return isinstance(other, np.ndarray) and one.tobytes() == other.tobytes()
+    if is_dataclass(one):
+        names = [f.name for f in fields(one)]
+        return type(one) is type(other) and all(
+            same(getattr(one, name), getattr(other, name)) for name in names
+        )
+    return one == other
 
 
-def test_truth_survives(written):
-    for frame, source in pairs(written):
-        if frame.truth is None:
-            assert not frame.is_key
-            continue
-        moved = source.truth.transformed(written.read_T_source, "world")
-        rows = _same_objects(source.truth, frame.truth, written)
-        assert len(rows) == len(frame.truth)
-        atol = BOX_M[written.format]
-        np.testing.assert_allclose(frame.truth.centre_m, moved.centre_m[rows], atol=atol)
-        np.testing.assert_allclose(frame.truth.size_m, moved.size_m[rows], atol=atol)
-        turn = (frame.truth.yaw_rad - moved.yaw_rad[rows] + np.pi) % (2 * np.pi) - np.pi
-        # a heading is about the vertical of its frame, and KITTI's world leans a little
-        assert np.abs(turn).max(initial=0) < (2e-3 if written.format == "kitti" else 1e-9)
+def test_opening_twice_gives_the_same(opened_twice):
+    one, other = opened_twice
+    assert one.scene_names == other.scene_names
+    for name in one.scene_names:
+        first, second = one.scene(name), other.scene(name)
+        assert len(first) == len(second)
+        assert first.classes == second.classes
+        # in another order, so that nothing depends on what was read before
+        late = {i: (second.frame(i), second.sweep(i)) for i in reversed(range(len(second)))}
+        for index in range(len(first)):
+            assert same(first.frame(index), late[index][0])
+            assert same(first.sweep(index), late[index][1])
 
 
-def test_truth_velocity_is_the_movement(written):
-    """Readers derive velocities from positions; they agree with the world's own."""
-    middle = [f for f in frames(written.read) if f.is_key][1]
-    index = [f.stamp_ns for f in frames(written.read)].index(middle.stamp_ns)
-    source = written.source.frame(index).truth
-    rows = _same_objects(source, middle.truth, written)
-    moved = source.transformed(written.read_T_source, "world")
-    error = np.linalg.norm(middle.truth.velocity_mps - moved.velocity_mps[rows], axis=1)
-    # centred over 0.2 s or 1 s, so only turning and braking tell
-    assert np.nanmedian(error) < 0.05
+def test_an_index_out_of_range_is_refused(scene):
+    for index in (-1, len(scene)):
+        for read in (scene.frame, scene.sweep):
+            with pytest.raises(InputError, match=f"index is {index}, expected"):
+                read(index)
 
 
-def test_detections_survive(written):
-    total = 0
-    for frame, source in pairs(written):
-        if frame.detections is None:
-            assert not frame.is_key
-            continue
-        moved = source.detections.transformed(written.read_T_source, "world")
-        for centre, size in zip(frame.detections.centre_m, frame.detections.size_m, strict=True):
-            near = np.abs(moved.centre_m - centre).max(axis=1)
-            best = int(near.argmin())
-            assert near[best] <= BOX_M[written.format]
-            np.testing.assert_allclose(size, moved.size_m[best], atol=1e-5)
-            total += 1
-    assert total > 20
+@pytest.mark.parametrize("kind", ON_DISK)
+def test_a_truncated_sweep_is_named(kind, root_of, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(root_of(kind), root)
+    path = sorted(root.glob(maker(kind).first_sweep))[0]
+    path.write_bytes(path.read_bytes()[:-3])
+    dataset = open_dataset(kind, root)
+    with pytest.raises(DataError) as caught:
+        dataset.scene(dataset.scene_names[0]).sweep(0)
+    assert caught.value.file == path
 
 
-def test_sweeps_survive(written):
-    for index in (0, 1, len(written.read) - 1):
-        read, source = written.read.sweep(index), written.source.sweep(index)
-        atol = POINT_M[written.format]
-        np.testing.assert_allclose(read.xyz_m, source.xyz_m, atol=atol)
-        np.testing.assert_allclose(read.reflectance, source.reflectance, atol=0.5 / 255 + 1e-6)
-        if written.format in ("nuscenes", "argoverse2"):
-            np.testing.assert_array_equal(read.ring, source.ring)
-            np.testing.assert_allclose(read.origin_m, source.origin_m, atol=1e-12)
+@pytest.mark.parametrize("kind", NAMING_FILES)
+def test_files_outside_the_root_are_refused(kind, root_of, tmp_path):
+    root = tmp_path / "copy"
+    shutil.copytree(root_of(kind), root)
+    shutil.copytree(root, tmp_path / "elsewhere")
+    settings = maker(kind).escape(root)
 
+    def read_all():
+        dataset = open_dataset(kind, root, **settings)
+        scene = dataset.scene(dataset.scene_names[0])
+        return scene.frame(0), scene.sweep(0)
 
-def _same_objects(source, truth, written):
-    """Rows of the source's truth, in the order of what was read: by place, as ids are renamed."""
-    moved = source.transformed(written.read_T_source, "world")
-    distance = np.linalg.norm(truth.centre_m[:, None] - moved.centre_m[None], axis=2)
-    rows = distance.argmin(axis=1) if len(source) else np.zeros(0, int)
-    assert len(set(rows.tolist())) == len(truth)
-    return rows
-
-
-def test_identities_are_kept(written):
-    """One identity follows one object: it never jumps farther than objects move."""
-    last: dict[int, tuple[int, np.ndarray]] = {}
-    for frame in frames(written.read):
-        if frame.truth is None:
-            continue
-        for identity, centre in zip(frame.truth.id.tolist(), frame.truth.centre_m, strict=True):
-            if identity in last:
-                stamp, before = last[identity]
-                assert np.linalg.norm(centre - before) < 40.0 * (frame.stamp_ns - stamp) * 1e-9
-            last[identity] = (frame.stamp_ns, centre)
+    with pytest.raises(DataError, match="inside the data root"):
+        read_all()

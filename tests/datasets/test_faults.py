@@ -17,7 +17,7 @@ import pytest
 
 from mottrack.core import DataError, Dataset
 from mottrack.datasets.writers import write_synthetic
-from tests.datasets.conftest import OPEN, SEED
+from tests.datasets.makers import SEED, open_dataset
 
 ROUNDS = 100
 
@@ -31,7 +31,7 @@ def whole_last_line(columns: int, separator: str | None = None) -> Callable[[byt
     return lambda data: len((data.decode().splitlines() or [""])[-1].split(separator)) >= columns
 
 
-def never(data: bytes) -> bool:
+def never(_data: bytes) -> bool:
     return False
 
 
@@ -40,14 +40,14 @@ class Target:
     """One file of a data set.
 
     blind: whether the format cannot tell that this content is cut.
-    flips_told: of 100 flipped bits at least so many are told; the rest are changes of a value
-        into another value, or of something that is not read.
+    min_flips_reported: of 100 flipped bits at least so many are reported; the rest are changes of
+        a value into another value, or of something that is not read.
     """
 
     format: str
     pattern: str
     blind: Callable[[bytes], bool] = never
-    flips_told: int = 0
+    min_flips_reported: int = 0
 
     @property
     def is_sweep(self) -> bool:
@@ -86,7 +86,7 @@ def flip(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def read_frames(dataset: Dataset) -> list[np.ndarray]:
-    """What the first scene says without its sweeps, as arrays."""
+    """Return poses and boxes of the first scene as arrays."""
     scene = dataset.scene(dataset.scene_names[0])
     values: list[np.ndarray] = []
     for index in range(len(scene)):
@@ -98,10 +98,10 @@ def read_frames(dataset: Dataset) -> list[np.ndarray]:
     return values
 
 
-def reader(target: Target, root: Path, file: Path) -> Callable[[], list[np.ndarray]]:
+def reader(target: Target, root: Path) -> Callable[[], list[np.ndarray]]:
     if not target.is_sweep:
-        return lambda: read_frames(OPEN[target.format](root))
-    dataset = OPEN[target.format](root)
+        return lambda: read_frames(open_dataset(target.format, root))
+    dataset = open_dataset(target.format, root)
     scene = dataset.scene(dataset.scene_names[0])
     index = 1 if target.format == "kitti" else 0
     return lambda: [scene.sweep(index).xyz_m, scene.sweep(index).reflectance]
@@ -111,8 +111,9 @@ def outcome(read: Callable[[], list[np.ndarray]], file: Path, whole: list[np.nda
     try:
         values = read()
     except DataError as error:
-        assert "\n" not in str(error)
-        return "told" if error.file in (file, *file.parents) else "told of another file"
+        if "\n" in str(error):
+            return "reported in several lines"
+        return "reported" if error.file in (file, *file.parents) else "reported of another file"
     for array in values:
         assert np.isfinite(array).all()
     same = len(values) == len(whole) and all(
@@ -127,17 +128,17 @@ def small_roots(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("damaged")
     for name, duration_s in (("kitti", 0.2), ("nuscenes", 0.55), ("argoverse2", 0.2)):
         write_synthetic(folder / name, name, 1, seed=SEED, duration_s=duration_s)
-    return {name: folder / name for name in OPEN}
+    return {name: folder / name for name in ("kitti", "nuscenes", "argoverse2")}
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_damage_is_told_or_harmless(name, small_roots):
+def test_damage_is_reported_or_harmless(name, small_roots):
     target = TARGETS[name]
     root = small_roots[target.format]
     file = sorted(root.glob(target.pattern))[0]
     data = file.read_bytes()
     rng = np.random.default_rng(0)
-    read = reader(target, root, file)
+    read = reader(target, root)
     whole = read()
     cuts: Counter[str] = Counter()
     flips: Counter[str] = Counter()
@@ -151,5 +152,5 @@ def test_damage_is_told_or_harmless(name, small_roots):
         flips[outcome(read, file, whole)] += 1
     file.write_bytes(data)
     print(f"{name}: cut {dict(cuts)}, flipped {dict(flips)}")  # noqa: T201 - shown with -s
-    assert sum(cuts.values()) == sum(flips.values()) == ROUNDS
-    assert flips["told"] >= target.flips_told
+    assert "reported in several lines" not in {*cuts, *flips}
+    assert flips["reported"] >= target.min_flips_reported

@@ -6,6 +6,7 @@ import pytest
 from mottrack.core import ConfigError, DataError, Pose
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.dataset import Folder
+from tests.datasets import ros_log
 
 STAMPS = [1_000_000_000, 1_100_000_000, 1_200_000_000]
 BOX = "4.0,2.0,1.5,0.1"
@@ -121,84 +122,28 @@ def test_damaged_sweeps_are_named(log):
     with pytest.raises(DataError, match="shapes"):
         open_log(log).sweep(2)
     (log / "poses.csv").unlink()
-    with pytest.raises(DataError, match="logs is none"):
+    with pytest.raises(DataError, match="scenes is none"):
         _ = Folder(FolderConfig(root=log.parent)).scene_names
+    (log / "poses.csv").write_text("")
     with pytest.raises(ConfigError, match="unknown scene"):
-        (log / "poses.csv").write_text("")
         Folder(FolderConfig(root=log.parent)).scene("tuesday")
 
 
 @pytest.fixture
 def bag(tmp_path):
-    """Three clouds at 10 Hz and odometry at 50 Hz, written by the mcap and rosbags libraries."""
-    pytest.importorskip("mcap", reason="needs the extra: pip install mottrack[ros]")
-    pytest.importorskip("rosbags", reason="needs the extra: pip install mottrack[ros]")
-    from mcap.writer import Writer
-
+    """Three clouds at 10 Hz and odometry at 50 Hz, the clouds between two odometry messages."""
     path = tmp_path / "drive.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = {}
-        for topic, kind in (
-            ("/points", "sensor_msgs/msg/PointCloud2"),
-            ("/odometry", "nav_msgs/msg/Odometry"),
-        ):
-            schema = writer.register_schema(name=kind, encoding="ros2msg", data=b"")
-            channel[topic] = writer.register_channel(topic, "cdr", schema)
-        for number in range(-5, 20):
-            stamp = STAMPS[0] + number * 20_000_000
-            data = odometry(stamp, 0.2 * number)
-            writer.add_message(channel["/odometry"], stamp, data, stamp)
-        for number, stamp in enumerate(STAMPS):
-            # recorded 5 ms later, between two odometry messages
-            data = point_cloud(stamp + 10_000_000, number)
-            writer.add_message(channel["/points"], stamp + 15_000_000, data, stamp)
-        writer.finish()
+    poses = {
+        STAMPS[0] + 20_000_000 * number: Pose.from_yaw(0.0, (0.2 * number, 0.0, 0.0))
+        for number in range(-5, 20)
+    }
+    clouds = {}
+    for number, stamp in enumerate(STAMPS):
+        no_return = np.array([[np.nan, 0.0, 0.0]])
+        xyz_m = np.concatenate([cloud(number), no_return])
+        clouds[stamp + 10_000_000] = ros_log.structured(xyz_m, np.full(201, 51.0))
+    ros_log.write_log(path, clouds, poses)
     return path
-
-
-def types():
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)
-
-
-def header(stamp_ns):
-    store = types().types
-    time = store["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
-    return store["std_msgs/msg/Header"](time, "base_link")
-
-
-def odometry(stamp_ns, x):
-    store = types().types
-    pose = store["geometry_msgs/msg/Pose"](
-        store["geometry_msgs/msg/Point"](x, 0.0, 0.0),
-        store["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-    )
-    zero = store["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
-    twist = store["geometry_msgs/msg/TwistWithCovariance"](
-        store["geometry_msgs/msg/Twist"](zero, zero), np.zeros(36)
-    )
-    posed = store["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36))
-    message = store["nav_msgs/msg/Odometry"](header(stamp_ns), "base_link", posed, twist)
-    return bytes(types().serialize_cdr(message, message.__msgtype__))
-
-
-def point_cloud(stamp_ns, number):
-    store = types().types
-    points = np.zeros(201, dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")])
-    for column, axis in enumerate("xyz"):
-        points[axis][:200] = cloud(number)[:, column]
-    points["intensity"] = 51.0
-    points["x"][200] = np.nan
-    field = store["sensor_msgs/msg/PointField"]
-    fields = [field(name, 4 * i, 7, 1) for i, name in enumerate(points.dtype.names)]
-    data = np.frombuffer(points.tobytes(), np.uint8)
-    message = store["sensor_msgs/msg/PointCloud2"](
-        header(stamp_ns), 1, 201, fields, False, 16, 16 * 201, data, False
-    )
-    return bytes(types().serialize_cdr(message, message.__msgtype__))
 
 
 def open_bag(path, **options):
@@ -235,7 +180,7 @@ def test_ros_faults_are_named(bag):
         with pytest.raises(DataError) as caught:
             open_bag(bag).sweep(0)
         assert caught.value.file == bag
-    told = 0
+    reported = 0
     for _ in range(100):
         damaged = bytearray(data)
         damaged[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
@@ -243,20 +188,14 @@ def test_ros_faults_are_named(bag):
         try:
             open_bag(bag).sweep(0)
         except DataError as error:
-            told += error.file == bag
-    assert told > 50  # chunks carry a checksum; the rest is in indices and names
+            reported += error.file == bag
+    assert reported > 50  # chunks carry a checksum; the rest is in indices and names
 
 
-def test_a_message_that_was_recorded_cut_is_named(bag, monkeypatch):
+def test_a_message_that_was_recorded_cut_is_named(bag):
     """The file is whole, its content is not: a recorder that was out of memory."""
-    from mottrack.datasets.ros.mcap_file import McapFile
-
-    whole = McapFile._raw
-
-    def cut(self, topic, at_ns=None):
-        for log, kind, data in whole(self, topic, at_ns):
-            yield log, kind, data[:200] if topic == "/points" else data
-
-    monkeypatch.setattr(McapFile, "_raw", cut)
+    cut = ros_log.point_cloud(STAMPS[0], ros_log.structured(cloud(0), np.zeros(200)))[:200]
+    pose = ros_log.odometry(STAMPS[0], Pose.identity())
+    ros_log.write_messages(bag, {"/points": {STAMPS[0]: cut}, "/odometry": {STAMPS[0]: pose}})
     with pytest.raises(DataError, match=r"drive\.mcap: content is unreadable \(SerdeError"):
         open_bag(bag).sweep(0)

@@ -1,4 +1,4 @@
-"""The texts of the repository, and the scripts that make pages."""
+"""The documentation files of the repository, and the scripts that generate pages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ INCLUDED = re.compile(r'^--8<-- "(.*)"$', re.MULTILINE)
 
 
 def blocks(file: Path, language: str) -> list[str]:
-    """The code blocks of a text in one language, in order."""
+    """Return the code blocks of a file in one language, in order."""
     return [code for kind, code in BLOCK.findall(file.read_text("utf-8")) if kind == language]
 
 

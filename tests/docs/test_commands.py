@@ -1,4 +1,4 @@
-"""Every command that a text shows exists, with its options and its shipped names."""
+"""Every command in the documentation exists, with its options and shipped names."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def lines(file: Path) -> list[str]:
 
 
 def commands(file: Path, word: str) -> list[list[str]]:
-    """The words after ``word`` of each line that begins with it; comments are left out."""
+    """Return the words after ``word`` of each line that begins with it, without comments."""
     starts = re.compile(rf"^(?:\$ )?(?:[A-Z]+=\S+ )?{word} (.*)$")
     found = [match[1] for line in lines(file) if (match := starts.match(line))]
     return [shlex.split(text, comments=True) for text in found]
@@ -35,7 +35,7 @@ def test_commands_of(text: str) -> None:
     for words in commands(REPOSITORY / text, "mottrack"):
         command, rest = typer.main.get_command(app), list(words)
         while getattr(command, "commands", None):
-            assert rest[0] in command.commands, f"no verb {rest[0]} in: {' '.join(words)}"
+            assert rest[0] in command.commands, f"no command {rest[0]} in: {' '.join(words)}"
             command = command.commands[rest.pop(0)]
         known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
         unknown = {word for word in rest if word.startswith("--")} - known
@@ -46,7 +46,7 @@ def test_commands_of(text: str) -> None:
 
 
 def unknown_name(word: str) -> bool:
-    """Whether ``flow=a,b`` names something that is not there."""
+    """Return whether ``flow=a,b`` names something that does not exist."""
     from mottrack.experiment.plugins import TABLES
 
     group, sign, values = word.partition("=")
@@ -56,12 +56,12 @@ def unknown_name(word: str) -> bool:
     return any(v not in known and ":" not in v and v != "ipc" for v in values.split(","))
 
 
-def test_a_name_that_is_not_there_is_seen() -> None:
+def test_an_unknown_name_is_detected() -> None:
     assert unknown_name("flow=zero,pillarflo")
     assert not unknown_name("flow=zero,icp,my_module:MyFlow")
 
 
-def test_experiment_files_that_texts_show_are_good() -> None:
+def test_experiment_files_in_the_documentation_compose() -> None:
     shown = [(f, block) for f in TEXTS for block in blocks(f, "yaml")]
     assert len(shown) >= 2
     for file, block in shown:

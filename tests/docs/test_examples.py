@@ -1,4 +1,4 @@
-"""The examples run, and do what their texts say."""
+"""The examples run and produce what the documentation says."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def own_flow(monkeypatch: pytest.MonkeyPatch):
     return own_flow
 
 
-def test_an_own_flow_source_plugs_in_by_its_name(own_flow) -> None:
+def test_a_custom_flow_source_is_loaded_by_name(own_flow) -> None:
     world = ["dataset.scenes=1", "dataset.duration_s=1", "dataset.key_hz=5"]
     chosen = ["flow=own_flow:BlobFlow", "flow.reach_m=4"]
     experiment = load_to_stream("demo", [*world, *chosen])
@@ -55,7 +55,7 @@ def test_an_own_flow_source_plugs_in_by_its_name(own_flow) -> None:
     assert isinstance(Pipeline(experiment).flow, own_flow.BlobFlow)
 
 
-def test_an_own_flow_source_measures_a_shift_and_survives_empty_sweeps(own_flow) -> None:
+def test_a_custom_flow_source_measures_a_shift_and_accepts_empty_sweeps(own_flow) -> None:
     corners = np.stack(np.meshgrid(np.arange(0, 4, 0.2), np.arange(0, 2, 0.2), [1.0]), -1)
     block = corners.reshape(-1, 3)
 
@@ -86,7 +86,7 @@ def test_own_detections_become_a_submission(tmp_path) -> None:
     assert {box["tracking_id"] for box in results["sample-5"]} == set(last)
 
 
-def test_an_own_tracker_and_an_own_object_source_plug_in_by_their_names(monkeypatch) -> None:
+def test_a_custom_tracker_and_object_source_are_loaded_by_name(monkeypatch) -> None:
     monkeypatch.syspath_prepend(str(EXAMPLES))
     world = ["dataset.scenes=1", "dataset.duration_s=2", "flow=zero"]
     chosen = ["objects=own_radar:RadarBoxes", "tracker=own_tracker:NearestTracker"]

@@ -1,4 +1,4 @@
-"""Every Python block of the README and of the documentation runs as it stands."""
+"""Every Python block of the README and of the documentation runs unchanged."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def test_there_are_blocks_to_run() -> None:
 @pytest.mark.parametrize("text", names(WITH_PYTHON))
 def test_python_blocks_of(text: str, monkeypatch: pytest.MonkeyPatch, stored_run: Path) -> None:
     monkeypatch.chdir(stored_run)
-    namespace: dict[str, Any] = what_the_reader_has()
+    namespace: dict[str, Any] = predefined_names()
     for number, code in enumerate(blocks(REPOSITORY / text, "python"), 1):
         exec(compile(code, f"{text}, block {number}", "exec"), namespace)  # noqa: S102
 
 
 @pytest.fixture(scope="module")
 def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the quick start's first run has been made."""
+    """Return a folder with the first run of the quick start."""
     folder = tmp_path_factory.mktemp("reader")
     small = ["flow=zero", "score_flow=false", "dataset.scenes=1", "dataset.duration_s=1"]
     experiment = load_to_stream("demo", small)
@@ -45,8 +45,8 @@ def stored_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def what_the_reader_has() -> dict[str, Any]:
-    """The names that a text may take for granted: a sensor, a detector, two sweeps."""
+def predefined_names() -> dict[str, Any]:
+    """Return the names that a text may use without defining them: detections, sweeps."""
     return {
         "detections": [(k * 10**8, boxes(float(k))) for k in range(5)],
         "lidar": [cloud(0.5 * k) for k in range(4)],
@@ -73,7 +73,7 @@ def sweep(x_m: float, stamp_ns: int) -> Sweep:
 
 
 def cloud(x_m: float) -> np.ndarray:
-    """A car at x_m, 8 m to the left, on flat ground."""
+    """Return points of a car at x_m, 8 m to the left, on flat ground."""
     return np.concatenate(list(parts(x_m))).astype(np.float32)
 
 
@@ -83,13 +83,13 @@ def parts(x_m: float) -> Iterator[np.ndarray]:
     yield np.column_stack([rng.uniform(-40, 40, (8000, 2)), rng.normal(0, 0.01, 8000)])
 
 
-def test_the_files_that_texts_include_are_there() -> None:
+def test_included_files_exist() -> None:
     included = [name for file in TEXTS for name in INCLUDED.findall(file.read_text("utf-8"))]
     assert "examples/own_flow.py" in included
     assert all(Path(REPOSITORY / name).is_file() for name in included)
 
 
-def test_the_reader_of_your_own_is_one() -> None:
+def test_the_documented_data_set_fulfils_the_protocol() -> None:
     from mottrack import Pipeline
     from mottrack.core import Dataset, Scene
 

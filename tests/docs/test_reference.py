@@ -1,4 +1,4 @@
-"""The generated reference names everything that there is."""
+"""The generated reference is complete."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mottrack.flow.pillarflow.training.config import TrainConfig
 pytestmark = pytest.mark.usefixtures("page_makers")
 
 
-def test_every_part_of_the_catalogue_and_every_key_has_its_place() -> None:
+def test_every_plugin_and_every_key_is_documented() -> None:
     configuration, fields = (importlib.import_module(m) for m in ("configuration", "fields"))
     page = configuration.page()
     for group, (_, names) in TABLES.items():
@@ -28,7 +28,7 @@ def test_every_part_of_the_catalogue_and_every_key_has_its_place() -> None:
     assert "| `pair_s` | number, >&nbsp;0, ≤&nbsp;0.3 | `0.1` |" in page
 
 
-def test_every_setting_says_what_it_is() -> None:
+def test_every_setting_has_a_description() -> None:
     configuration, fields = (importlib.import_module(m) for m in ("configuration", "fields"))
     places = [place for _, names in TABLES.values() for place in names.values()]
     models = [Settings, TrainConfig, *(configuration.model_of(place) for place in places)]
@@ -37,10 +37,10 @@ def test_every_setting_says_what_it_is() -> None:
 
 
 ALLOWED = {("Settings", "scores.match_by"), ("Settings", "scores.velocity.vulnerable_classes")}
-"""Values and name say it all."""
+"""Their names and values are self-explanatory."""
 
 
-def test_every_verb_and_every_option_has_its_place_and_a_word_about_it() -> None:
+def test_every_command_and_every_option_is_documented() -> None:
     command_line = importlib.import_module("command_line")
     page = command_line.page()
     found = dict(command_line.commands())

@@ -1,19 +1,21 @@
-"""Intervals of paired differences: closed forms, and whether they keep their word."""
+"""Intervals of paired differences: closed forms and coverage."""
 
 import numpy as np
 import pytest
 from scipy.stats import t as student_t
 
-from mottrack.eval.nuscenes.bootstrap import draw
+from mottrack.core.errors import InputError
 from mottrack.eval.paired import (
     MetricKey,
+    Pooled,
     Ratio,
     Sum,
     TailMean,
-    Variance,
+    draw,
     paired,
     sample,
     t_interval,
+    variance,
 )
 from mottrack.eval.velocity_error import error_row
 
@@ -39,23 +41,23 @@ def test_the_interval_of_a_mean_is_the_textbook_t_interval(scenes: int) -> None:
     assert found.difference - found.low == pytest.approx(reach, rel=0.03)
 
 
-def test_nineteen_of_twenty_intervals_hold_the_truth_even_with_five_scenes() -> None:
+def test_95_percent_of_the_intervals_cover_the_true_difference_even_with_five_scenes() -> None:
     rng = np.random.default_rng(1)
     weights = draw(5, 200)
-    held = 0
+    covered = 0
     for _ in range(600):
         count = rng.integers(20, 60, 5).astype(float)
-        hard = rng.normal(3.0, 1.0, 5)  # what both runs find hard cancels
+        hard = rng.normal(3.0, 1.0, 5)  # what is difficult for both runs cancels
         sides = [
             sample(Ratio(count * (hard + shift + rng.normal(0, 0.3, 5)), count), weights)
             for shift in (0.0, 0.2)
         ]
         found = paired(KEY, *sides)
-        held += found.low <= 0.2 <= found.high
-    assert 0.92 <= held / 600 <= 0.98
+        covered += found.low <= 0.2 <= found.high
+    assert 0.92 <= covered / 600 <= 0.98
 
 
-def test_what_is_equal_in_every_scene_is_no_difference_and_one_scene_has_no_interval() -> None:
+def test_equal_runs_do_not_differ_and_one_scene_has_no_interval() -> None:
     a = np.array([1.0, 2.0, 4.0])
     same = _difference(a, a)
     assert (same.low, same.high, same.significant, same.better) == (0.0, 0.0, False, None)
@@ -68,7 +70,7 @@ def test_what_is_equal_in_every_scene_is_no_difference_and_one_scene_has_no_inte
     assert alone.scenes == 1
 
 
-def test_only_scenes_with_something_to_say_count() -> None:
+def test_only_scenes_with_data_count() -> None:
     weights = draw(4, 300)
     empty = Ratio(np.array([3.0, 0, 0, 0]), np.array([2.0, 0, 0, 0]))
     found = paired(KEY, sample(empty, weights), sample(empty, weights))
@@ -76,7 +78,7 @@ def test_only_scenes_with_something_to_say_count() -> None:
     assert np.isnan(found.low)
 
 
-def test_every_figure_of_a_resample_is_that_of_the_copied_scenes() -> None:
+def test_every_metric_of_a_resample_is_that_of_the_copied_scenes() -> None:
     rng = np.random.default_rng(5)
     parts = [rng.exponential(1.0, n) for n in (30, 0, 7, 55)]
     weights = draw(4, 60)
@@ -85,7 +87,7 @@ def test_every_figure_of_a_resample_is_that_of_the_copied_scenes() -> None:
     figures = {
         "mean": Ratio(total, count),
         "rms": Ratio(squares, count, root=True),
-        "variance": Variance(total, squares, count),
+        "variance": Pooled(variance, (total, squares, count)),
         "worst": TailMean.of(parts),
         "sum": Sum(total),
     }
@@ -102,7 +104,16 @@ def test_every_figure_of_a_resample_is_that_of_the_copied_scenes() -> None:
         assert drawn["sum"][b] == pytest.approx(copied.sum())
 
 
-def test_lower_or_higher_is_better_by_the_figure() -> None:
+def test_draws_are_repeatable_and_refuse_nothing_to_draw() -> None:
+    np.testing.assert_array_equal(draw(6, 4, seed=7), draw(6, 4, seed=7))
+    assert (draw(6, 4).sum(axis=1) == 6).all()
+    with pytest.raises(InputError, match="resamples"):
+        draw(6, 0)
+    with pytest.raises(InputError, match="scenes is 0"):
+        draw(0, 6)
+
+
+def test_lower_or_higher_is_better_by_the_metric() -> None:
     higher = MetricKey("tracking", "all", "AMOTA", lower_is_better=False)
     weights = draw(6, 300)
     rng = np.random.default_rng(0)
@@ -112,6 +123,6 @@ def test_lower_or_higher_is_better_by_the_figure() -> None:
     assert paired(KEY, a, b).better is False
 
 
-def test_an_undefined_figure_has_no_interval() -> None:
+def test_an_undefined_metric_has_no_interval() -> None:
     low, high = t_interval(float("nan"), np.full(10, np.nan), 5)
     assert np.isnan([low, high]).all()

@@ -44,7 +44,7 @@ def test_every_row_of_the_table(make_result: Maker) -> None:
     table = velocity_table([velocity_samples(make_result(rows, 1))])
     figures = {name: (row.count, round(row.mean_mps, 9)) for name, row in table.items()}
     assert figures == {
-        "static objects": (1, 0.6),
+        "unlabelled tracks (assumed static)": (1, 0.6),
         "pedestrian & cyclist": (2, 3.5),
         "objects observed stationary": (1, 0.5),
         "slow (0, 3] m/s": (2, 1.5),
@@ -80,7 +80,7 @@ def test_coasting_and_interpolated_rows(make_result: Maker) -> None:
     assert counted.error_mps.tolist() == [2.0]
 
 
-def test_bad_end_is_given_in_both_readings() -> None:
+def test_upper_tail_is_given_in_both_readings() -> None:
     row = error_row(np.arange(1.0, 101.0))
     assert (row.count, row.mean_mps, row.median_mps) == (100, 50.5, 50.5)
     assert row.worst_mean_mps == pytest.approx(98.0)
@@ -92,19 +92,20 @@ def test_bad_end_is_given_in_both_readings() -> None:
 def test_no_truth_and_no_tracks(make_result: Maker) -> None:
     alone = make_result([{"side": "track", "frame": 0, "id": 1, "x": 0.0}], 1)
     table = velocity_table([velocity_samples(alone)])
-    assert table["static objects"].count == 1 and table["all"].mean_mps == 0.0
-    nobody = make_result([{"side": "truth", "frame": 0, "id": 1, "x": 0.0}], 1)
-    assert velocity_table([velocity_samples(nobody)])["all"].count == 0
+    assert table["unlabelled tracks (assumed static)"].count == 1
+    assert table["all"].mean_mps == 0.0
+    truth_only = make_result([{"side": "truth", "frame": 0, "id": 1, "x": 0.0}], 1)
+    assert velocity_table([velocity_samples(truth_only)])["all"].count == 0
     assert velocity_table([])["all"].count == 0
 
 
 @pytest.mark.parametrize("behind_m", [1.6, -1.6])
-def test_a_cluster_may_be_a_turn_older_or_younger_than_the_stamp(
+def test_a_cluster_may_be_a_revolution_older_or_younger_than_the_stamp(
     make_result: Maker, behind_m: float
 ) -> None:
     truth = {"side": "truth", "frame": 0, "id": 1, "x": 0.0, "velocity": (20.0, 0.0)}
     ends = (2.3 - behind_m, 0.3 - behind_m) if behind_m < 0 else (-0.3 - behind_m, -2.3 - behind_m)
     hull = [(ends[0], -0.5), (ends[0], 0.5), (ends[1], 0.5), (ends[1], -0.5)]
     result = make_result([truth, {**truth, "side": "track", "hull": hull}], 1)
-    assert match_by_overlap(result, 0.5, turn_s=0.1).tolist() == [0]
-    assert match_by_overlap(result, 0.5, turn_s=0.0).tolist() == [NO_OBJECT]
+    assert match_by_overlap(result, 0.5, revolution_s=0.1).tolist() == [0]
+    assert match_by_overlap(result, 0.5, revolution_s=0.0).tolist() == [NO_OBJECT]

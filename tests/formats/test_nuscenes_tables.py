@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from mottrack.core.errors import DataError, InputError
+from mottrack.core.errors import ConfigError, DataError
+from mottrack.formats.columns import ColumnSpec
 from mottrack.formats.nuscenes_splits import (
     SPLITS,
     best_split,
@@ -13,7 +14,13 @@ from mottrack.formats.nuscenes_splits import (
     split_scenes,
     splits_of,
 )
-from mottrack.formats.nuscenes_tables import field, read_table, select_rows, stream_table
+from mottrack.formats.nuscenes_tables import (
+    TOKEN,
+    NuScenesTables,
+    RecordFilter,
+    field,
+    stream_table,
+)
 
 
 @pytest.mark.parametrize("indent", [None, 0, 2])
@@ -29,23 +36,36 @@ def test_blocks_of_any_size_give_the_same_records(
     assert list(stream_table(path, block)) == []
 
 
-def test_only_what_is_wanted_is_kept_and_faults_name_the_file(tmp_path: Path) -> None:
+def test_only_the_wanted_records_are_kept(tmp_path: Path) -> None:
     (tmp_path / "v1.0").mkdir()
     path = tmp_path / "v1.0/sample.json"
     path.write_text('[{"token": "a", "x": 1}, {"token": "b", "x": 2}]')
-    assert len(read_table(tmp_path, "v1.0", "sample")) == 2
-    (row,) = select_rows(tmp_path, "v1.0", "sample", lambda row: row["x"] == 2)
+    tables = NuScenesTables(tmp_path, "v1.0")
+    assert [row["x"] for row in tables.rows("sample")] == [1, 2]
+    (row,) = tables.rows("sample", RecordFilter({"token": ["b", "c"]}))
     assert field(row, "x", path) == 2
+    columns = tables.columns("sample", (TOKEN, ColumnSpec("x", int)))
+    assert columns["token"].tolist() == [b"a", b"b"]
+    assert columns["x"].tolist() == [1, 2]
+
+
+def test_faults_name_the_table_and_the_record(tmp_path: Path) -> None:
+    (tmp_path / "v1.0").mkdir()
+    path = tmp_path / "v1.0/sample.json"
+    tables = NuScenesTables(tmp_path, "v1.0")
     with pytest.raises(DataError, match=r"sample\.json: y is missing in record b"):
-        field(row, "y", path)
+        field({"token": "b"}, "y", path)
     with pytest.raises(DataError, match=r"version is v2.*here: v1\.0"):
-        read_table(tmp_path, "v2", "sample")
+        NuScenesTables(tmp_path, "v2").path("sample")
     with pytest.raises(DataError, match=r"scene\.json"):
-        read_table(tmp_path, "v1.0", "scene")
+        tables.path("scene")
     for text in ('{"token": 1}', "[1, 2]", '[{"token": 1}', ""):
         path.write_text(text)
         with pytest.raises(DataError, match=r"sample\.json"):
-            read_table(tmp_path, "v1.0", "sample")
+            list(tables.rows("sample"))
+    path.write_text('[{"token": "a", "x": 1}, {"token": "b", "x": "1"}]')
+    with pytest.raises(DataError, match=r"x of record b is 1, expected a finite integer"):
+        tables.columns("sample", (TOKEN, ColumnSpec("x", int)))
 
 
 def test_splits_by_name_by_file_and_back(tmp_path: Path) -> None:
@@ -67,5 +87,5 @@ def test_splits_by_name_by_file_and_back(tmp_path: Path) -> None:
     path.write_text("\n")
     with pytest.raises(DataError, match="scene names"):
         resolve_split(str(path))
-    with pytest.raises(InputError, match="nearest: mini_val"):
+    with pytest.raises(ConfigError, match=r"unknown split 'mini-val' .did you mean 'mini_val'"):
         resolve_split("mini-val")

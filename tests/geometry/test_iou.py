@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mottrack.core.errors import InputError
 from mottrack.geometry import iou
-from mottrack.geometry.polygon import clip_area, polygon_area, shared_areas
+from mottrack.geometry.polygon import clip_area, polygon_area
 
 
 def random_boxes(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
@@ -92,4 +92,3 @@ def test_clipping_of_hulls_agrees_with_shapely() -> None:
         work = np.empty((2, len(one) + len(two) + 1, 2))
         assert clip_area(one, two, work) == pytest.approx(expected, abs=1e-9)
         assert polygon_area(one) == pytest.approx(shapes[0].area)
-        assert shared_areas(one[::-1], two[None]) == pytest.approx([expected], abs=1e-9)

@@ -22,7 +22,7 @@ from mottrack.datasets.nuscenes.config import CLASSES, NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
 from mottrack.datasets.nuscenes.submission import write_submission
 from mottrack.datasets.writers import FORMATS, write_synthetic
-from mottrack.eval.nuscenes.submission_run import Request, run
+from mottrack.eval.nuscenes.command import Request, run
 from mottrack.formats.nuscenes_splits import split_scenes
 from mottrack.lidar.in_boxes import points_in_boxes
 

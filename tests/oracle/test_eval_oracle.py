@@ -1,4 +1,4 @@
-"""Our figures beside those that the peers compute in the same environment."""
+"""Our metrics beside those that the peers compute in the same environment."""
 
 import json
 import math
@@ -15,11 +15,10 @@ from trackeval.metrics import CLEAR, HOTA, Identity
 
 from mottrack.core.errors import MottrackError
 from mottrack.eval import clear, hota, identity
-from mottrack.eval.mot.evaluation import image_pairs, preprocess
-from mottrack.eval.mot.text import read_boxes
-from mottrack.eval.nuscenes import submission_run
+from mottrack.eval.mot import image_pairs, preprocess, read_boxes
+from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.outputs import details_json, summary_json
-from mottrack.eval.pairs import Pairs, Side, find_pairs
+from mottrack.eval.pairs import BoxStream, Measured, Pairs, find_pairs, iou_gate
 from mottrack.formats.nuscenes_splits import SPLITS, split_scenes
 
 SCENARIOS = int(os.environ.get("MOTTRACK_ORACLE_SCENARIOS", "200"))
@@ -53,7 +52,7 @@ DUPLICATES = "more matched scores than true boxes, as an identity is twice in a 
 NOTHING = "no box is left to evaluate"
 
 
-def devkit_figures(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any]] | str:
+def devkit_metrics(data: Path, out: Path) -> tuple[dict[str, Any], dict[str, Any]] | str:
     """The official summary and details, or why the devkit refuses."""
     try:
         return evaluate_folder(data, out)
@@ -71,22 +70,22 @@ def test_random_scenarios_equal_the_devkit(
 ) -> None:
     monkeypatch.setenv("MOTTRACK_CACHE", str(tmp_path / "cache"))
     data, out = tmp_path / "data", tmp_path / "out"
-    request = submission_run.Request(
+    request = command.Request(
         data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json"
     )
     Scenario(seed).write(data)
-    official = devkit_figures(data, out)
+    official = devkit_metrics(data, out)
     if official == DUPLICATES:
-        assert any(p.field == "tracking_id" for p in submission_run.run(request).problems)
+        assert any(p.field == "tracking_id" for p in command.run(request).problems)
         Scenario(seed, duplicates=False).write(data)
-        official = devkit_figures(data, out)
+        official = devkit_metrics(data, out)
     if official == NOTHING:
         with pytest.raises(MottrackError):
-            submission_run.run(request)
+            command.run(request)
         return
     assert isinstance(official, tuple), official
     summary, details = official
-    evaluation = submission_run.run(request)
+    evaluation = command.run(request)
     ours = summary_json(evaluation.metrics, evaluation.submission.meta, 0.0)
     summary.pop("eval_time")
     assert differences(ours, summary) == []
@@ -97,13 +96,10 @@ def peer_data(pairs: Pairs) -> dict[str, Any]:
     """A sequence as trackeval wants it."""
     truth, tracks = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
     data: dict[str, Any] = {"gt_ids": [], "tracker_ids": [], "similarity_scores": []}
-    for rows, columns, span in pairs.by_frame():
-        similarity = np.zeros((rows.stop - rows.start, columns.stop - columns.start))
-        i, j = pairs.truth_row[span] - rows.start, pairs.track_row[span] - columns.start
-        similarity[i, j] = pairs.similarity[span]
-        data["gt_ids"].append(truth[rows])
-        data["tracker_ids"].append(tracks[columns])
-        data["similarity_scores"].append(similarity)
+    for rows in pairs.by_frame():
+        data["gt_ids"].append(truth[rows.truth])
+        data["tracker_ids"].append(tracks[rows.tracks])
+        data["similarity_scores"].append(pairs.matrix(rows, pairs.similarity, 0.0))
     return data | {
         "num_gt_ids": int(truth.max(initial=-1)) + 1,
         "num_tracker_ids": int(tracks.max(initial=-1)) + 1,
@@ -128,7 +124,7 @@ def assert_as_trackeval(pairs: Pairs) -> None:
     }
     for name, theirs in names.items():
         np.testing.assert_allclose(getattr(ours, name), peer[theirs], atol=1e-9, rtol=0)
-    near = pairs.within(np.nextafter(0.5, 1.0))
+    near = pairs.within(iou_gate(0.5))
     ids = Identity({"THRESHOLD": 0.5, "PRINT_CONFIG": False}).eval_sequence(data)
     assert identity.identity_counts(near).idf1 == pytest.approx(ids["IDF1"], abs=1e-9)
 
@@ -143,7 +139,7 @@ def test_tud_equals_trackeval_and_motmetrics(name: str) -> None:
     boxes = preprocess(read_boxes(folder / "gt.txt"), read_boxes(folder / "test.txt"), 0.5)
     pairs = image_pairs(*boxes)
     assert_as_trackeval(pairs)
-    near = pairs.within(np.nextafter(0.5, 1.0))
+    near = pairs.within(iou_gate(0.5))
     assert_as_motmetrics(near, motmetrics)
     peer = CLEAR({"THRESHOLD": 0.5, "PRINT_CONFIG": False}).eval_sequence(peer_data(pairs))
     assert clear.clear_counts(near, clear.associate(near)).mota == pytest.approx(
@@ -154,11 +150,9 @@ def test_tud_equals_trackeval_and_motmetrics(name: str) -> None:
 def assert_as_motmetrics(near: Pairs, motmetrics: Any) -> None:
     accumulator = motmetrics.MOTAccumulator(auto_id=True)
     truth, tracks = near.truth.dense_ids(), near.tracks.dense_ids()
-    for rows, columns, span in near.by_frame():
-        distance = np.full((rows.stop - rows.start, columns.stop - columns.start), np.nan)
-        i, j = near.truth_row[span] - rows.start, near.track_row[span] - columns.start
-        distance[i, j] = near.distance[span]
-        accumulator.update(truth[rows], tracks[columns], distance)
+    for rows in near.by_frame():
+        distance = near.matrix(rows, near.distance, np.nan)
+        accumulator.update(truth[rows.truth], tracks[rows.tracks], distance)
     names = ["mota", "motp", "idf1", "num_switches", "num_fragmentations", "num_false_positives"]
     names += ["num_misses", "mostly_tracked", "mostly_lost"]
     peer = motmetrics.metrics.create().compute(accumulator, metrics=names).iloc[0]
@@ -188,16 +182,18 @@ def test_random_sequences_equal_trackeval_and_motmetrics(seed: int) -> None:
     for chance in (0.9, 0.8):
         there = rng.random((frames, 6)) < chance
         frame, number = np.nonzero(there)
-        sides.append((Side(frame, number), rng.normal(0, 0.25, (len(frame), 2)) + number[:, None]))
+        sides.append(
+            (BoxStream(frame, number), rng.normal(0, 0.25, (len(frame), 2)) + number[:, None])
+        )
 
-    def measure(rows: slice, columns: slice) -> tuple[Any, Any]:
+    def measure(rows: slice, columns: slice) -> Measured:
         apart = sides[0][1][rows, None] - sides[1][1][None, columns]
         similarity = np.maximum(0.0, 1.0 - np.linalg.norm(apart, axis=2))
-        return 1.0 - similarity, similarity
+        return Measured(1.0 - similarity, similarity)
 
     pairs = find_pairs(sides[0][0], sides[1][0], frames, measure)
     assert_as_trackeval(pairs)
-    assert_as_motmetrics(pairs.within(np.nextafter(0.5, 1.0)), motmetrics)
+    assert_as_motmetrics(pairs.within(iou_gate(0.5)), motmetrics)
 
 
 def test_official_loader_reads_our_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,10 +206,10 @@ def test_official_loader_reads_our_files(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("MOTTRACK_CACHE", str(tmp_path / "cache"))
     data = tmp_path / "data"
     Scenario(1).write(data)
-    request = submission_run.Request(
+    request = command.Request(
         data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json"
     )
-    submission_run.write(submission_run.run(request), tmp_path / "out")
+    command.write(command.run(request), tmp_path / "out")
     summary = json.loads((tmp_path / "out/metrics_summary.json").read_text())
     details = json.loads((tmp_path / "out/metrics_details.json").read_text())
     metrics = TrackingMetrics.deserialize(summary)

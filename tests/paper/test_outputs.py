@@ -1,4 +1,4 @@
-"""The plan composes; the page, the tables and claims.json come out whole, whatever was measured."""
+"""The plan composes; page, tables and claims.json are complete whatever was measured."""
 
 import json
 import re
@@ -9,28 +9,26 @@ import numpy as np
 import pytest
 
 from mottrack.core import ConfigError
-from mottrack.eval.nuscenes.bootstrap import draw
-from mottrack.eval.paired import Ratio, sample
+from mottrack.eval.paired import Ratio, draw, sample
 from mottrack.paper.page import write_paper
 from mottrack.paper.plan import STUDIES, Request, Study
 from mottrack.paper.published import NONE, TABLES
-from mottrack.paper.recorded import spread
 from mottrack.paper.results import Results, StudyResult
-from mottrack.paper.studies import studies
+from mottrack.paper.studies import spread, studies
 from mottrack.runs.differences import Resamples
 
 SCENES = 5
 
 
 class Outline(HTMLParser):
-    """Whether every element is closed."""
+    """Checks that every element is closed."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.open: list[str] = []
         self.feed(text)
 
-    def handle_starttag(self, tag: str, attrs: object) -> None:
+    def handle_starttag(self, tag: str, _attrs: object) -> None:
         if tag not in {"meta", "img", "br"}:
             self.open.append(tag)
 
@@ -39,7 +37,7 @@ class Outline(HTMLParser):
 
 
 def results() -> Results:
-    """As if every run had measured what the paper prints, but for those of Table II."""
+    """Return results as if every run but those of Table II had measured the paper's values."""
     rng = np.random.default_rng(3)
     weights = draw(SCENES, 100)
     figures: dict[str, dict] = {}
@@ -47,7 +45,7 @@ def results() -> Results:
         if table.number == "II":
             continue
         for variant, values in table.values.items():
-            for (_, key), value in zip(table.figures, values, strict=True):
+            for (_, key), value in zip(table.columns, values, strict=True):
                 level = (value or 1.0) * (1 + 1e-4 * rng.normal(size=SCENES))
                 of_study = figures.setdefault(table.study, {}).setdefault(variant, {})
                 of_study[key] = sample(Ratio(level, np.ones(SCENES)), weights)
@@ -60,12 +58,10 @@ def results() -> Results:
     )
 
 
-def test_everything_is_written_and_holds_together(
+def test_everything_is_written_and_consistent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "mottrack.paper.ablations.SHIPPED", tmp_path
-    )  # a package without Table II's
+    monkeypatch.setattr("mottrack.paper.plan.SHIPPED", tmp_path)  # no weights for Table II
     lines = list(write_paper(results(), Request(tmp_path, quick=True)))
     text = (tmp_path / "paper.html").read_text()
     assert Outline(text).open == []
@@ -113,7 +109,7 @@ def test_sweeps_without_detections_serve_all_but_registration_and_tracking(
         assert {run.settings.scenes for run in study.runs} == {("pandaset-002",)}
         assert not any(run.flow.kind == "icp" for run in study.runs)
         assert {run.objects.kind for run in study.runs} == {"clusters"}
-        assert len(study.left_out) == 1  # a log without sweeps is said to be one
+        assert len(study.left_out) == 1  # the log without sweeps is listed
     assert set(found["flow"].absent) == {"icp", "icp_one_start"}
     assert "argoverse2.detections=" in found["tracking"].reason
 
@@ -139,17 +135,20 @@ def test_detections_without_sweeps_serve_the_tracker_without_flow(
     ("setting", "message"),
     [
         ("kitti.split=testing", r"needs the data set's folder: --kitti FOLDER"),
-        ("waymo.split=testing", r"of no data set, expected NAME\.key=value with NAME one of"),
+        (
+            "waymo.split=testing",
+            r"belongs to no data set, expected NAME\.key=value with NAME one of",
+        ),
     ],
 )
-def test_a_setting_of_a_data_set_that_takes_no_part_is_refused(
+def test_a_setting_of_a_data_set_that_is_not_given_is_an_error(
     tmp_path: Path, setting: str, message: str
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         studies(Request(tmp_path, settings=(setting,)))
 
 
-def test_a_data_set_without_anything_to_use_is_an_error(shared_data: Path, tmp_path: Path) -> None:
+def test_a_data_set_without_usable_scenes_is_an_error(shared_data: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="nuscenes: no scene can be used: neither detections nor"):
         recorded(tmp_path, "nuscenes", shared_data / "nuscenes_mini")
 

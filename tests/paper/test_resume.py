@@ -1,4 +1,4 @@
-"""A study that was interrupted goes on where it stopped, and nothing but the timings tells."""
+"""An interrupted study resumes with identical results except for timings."""
 
 from pathlib import Path
 
@@ -18,12 +18,12 @@ TREE = {
 
 
 class Interrupted:
-    """Progress that is interrupted when so many scenes have ended."""
+    """Progress that interrupts the run after a number of scenes."""
 
     def __init__(self, after: int = 99) -> None:
         self.left = after
 
-    def begin(self, title: str, scenes: int, todo: int) -> None:
+    def begin(self, _title: str, _scenes: int, todo: int) -> None:
         self.todo = todo
 
     def frames(self, scene: str, done: int, total: int) -> None:
@@ -57,4 +57,5 @@ def test_interrupted_and_resumed_with_other_workers_is_the_same(tmp_path: Path) 
         assert (tmp_path / "whole" / path).read_bytes() == (tmp_path / "parts" / path).read_bytes()
     tables = [number_table(TABLE_III, results.studies[0]).texts() for results in (whole, parts)]
     assert tables[0] == tables[1]
-    assert not (whole.failed or parts.failed)
+    assert not whole.failed
+    assert not parts.failed

@@ -31,7 +31,7 @@ def test_flow_settles_clusters() -> None:
         assert len(np.unique(result.tracks.id)) > 20
         assert set(result.tracks.label.tolist()) == {"generic"}
         assert all(len(hull) >= 3 for hull in result.hulls)
-    for row in ("static objects", "all"):
+    for row in ("unlabelled tracks (assumed static)", "all"):
         assert mean_error_mps(aided, row) < 0.5 * mean_error_mps(plain, row)
 
 

@@ -1,4 +1,4 @@
-"""A headless Chromium, driven by the DevTools protocol over a pipe: nothing to install for it."""
+"""A headless Chromium driven by the DevTools protocol over a pipe, without further packages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def find_browser() -> str | None:
 
 
 class Page:
-    """One tab. Console errors, exceptions and requests to the network are collected."""
+    """One tab; collects console errors, exceptions and network requests."""
 
     def __init__(self, read: int, write: int) -> None:
         self._read, self._write = os.fdopen(read, "rb"), os.fdopen(write, "wb")
@@ -55,7 +55,7 @@ class Page:
     def _next(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
             part = self._read.read1(1 << 20)
-            assert part, "the browser has gone"
+            assert part, "the browser has exited"
             self._rest += part
         whole, self._rest = self._rest.split(b"\0", 1)
         return json.loads(whole)
@@ -72,7 +72,7 @@ class Page:
             self.requests.append(content["request"]["url"][:80])
 
     def run(self, script: str) -> Any:
-        """The value of an expression; a promise is awaited."""
+        """Return the value of an expression; a promise is awaited."""
         answer = self.call(
             "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
         )
@@ -80,7 +80,7 @@ class Page:
         return answer["result"].get("value")
 
     def wait_for(self, condition: str) -> None:
-        """Until a condition holds, 20 seconds at most."""
+        """Wait until a condition holds, 20 seconds at most."""
         script = f"""new Promise((done, fail) => {{
             const end = Date.now() + 20000;
             const look = () => ({condition}) ? done(true)
@@ -122,7 +122,7 @@ class Page:
 
 @contextmanager
 def browser(binary: str, profile: Path) -> Iterator[Page]:
-    """A new browser with one empty tab; it ends with the block."""
+    """Start a browser with one empty tab, and end it with the block."""
     to_browser, from_browser = os.pipe(), os.pipe()
     # the browser reads its commands from file 3 and answers on file 4
     shell = f'exec "$0" "$@" 3<&{to_browser[0]} 4>&{from_browser[1]}'

@@ -12,7 +12,7 @@ TITLE = "toys & </script><script>alert(1)"
 
 @pytest.fixture(scope="session")
 def comparison(tmp_path_factory: pytest.TempPathFactory, progress: Progress) -> Comparison:
-    """Two flow sources on three toy scenes: one with a name that is markup, one that fails."""
+    """Run two flow sources on three toy scenes: one whose name is markup, one that fails."""
     tree = {
         "name": TITLE,
         "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": [MARKUP, "b", "poison"]},

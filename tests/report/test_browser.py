@@ -1,4 +1,4 @@
-"""The page in a real browser: what a reader does with it."""
+"""Interaction with the page in a headless browser."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 @pytest.fixture
 def page(tab: Page, comparison: Comparison, tmp_path: Path) -> Page:
-    """The report, freshly opened in the light on a laptop."""
+    """Open the report anew in light mode at the size of a laptop."""
     path = tmp_path / "report.html"
     write_report(comparison, path)
     tab.errors.clear()
@@ -52,7 +52,7 @@ def choose(page: Page, identity: str, value: str) -> None:
         e.value = '{value}'; e.dispatchEvent(new Event('change')); }})()""")
 
 
-def test_it_opens_without_an_error_and_asks_the_network_for_nothing(page: Page) -> None:
+def test_the_page_opens_without_errors_or_network_requests(page: Page) -> None:
     assert page.errors == []
     assert [r for r in page.requests if not r.startswith(("file:", "data:"))] == []
     assert page.run("document.querySelectorAll('#curves svg').length") == 4
@@ -62,7 +62,7 @@ def test_it_opens_without_an_error_and_asks_the_network_for_nothing(page: Page) 
     assert shown == ["fast [3, inf) m/s", "all", "car"]  # in the order of the table
 
 
-def test_a_term_is_explained_where_it_stands(page: Page) -> None:
+def test_a_term_has_a_tooltip(page: Page) -> None:
     page.run("document.querySelector('#tracking [data-tip]').focus()")
     tip = "document.getElementById('tip')"
     assert not page.run(f"{tip}.hidden")
@@ -71,7 +71,7 @@ def test_a_term_is_explained_where_it_stands(page: Page) -> None:
     assert page.run(f"{tip}.hidden")
 
 
-def test_the_slider_and_the_keys_move_through_the_frames(page: Page) -> None:
+def test_slider_and_keys_move_through_the_frames(page: Page) -> None:
     first, before = label(page), pixels(page)
     assert first == "frame 1 / 8 · 0.0 s"
     page.run("document.getElementById('slider').focus()")
@@ -82,16 +82,16 @@ def test_the_slider_and_the_keys_move_through_the_frames(page: Page) -> None:
     page.run("document.getElementById('view-0').focus()")
     page.key("End", 35)
     assert label(page).startswith("frame 8 / 8")
-    page.key(" ", 32, " ")  # plays from the start again
+    page.key(" ", 32, " ")  # plays again from the start
     page.wait_for("document.getElementById('frame-label').textContent.startsWith('frame 3 /')")
     page.key(" ", 32, " ")
     assert page.run("document.getElementById('play').ariaLabel") == "Play"
     assert page.errors == []
 
 
-def test_scenes_and_runs_are_chosen_and_layers_switched(page: Page) -> None:
+def test_scenes_and_runs_are_selected_and_layers_toggled(page: Page) -> None:
     names = page.run("[...document.getElementById('scene').options].map((o) => o.text)")
-    assert names == [MARKUP, "b"]  # a name that is markup is shown, not obeyed
+    assert names == [MARKUP, "b"]  # a name that is markup is shown as text
     choose(page, "scene", "1")
     choose(page, "run-1", "0")
     page.wait_for("document.getElementById('name-1').textContent === 'zero'")
@@ -102,21 +102,21 @@ def test_scenes_and_runs_are_chosen_and_layers_switched(page: Page) -> None:
     assert page.errors == []
 
 
-def test_errors_are_listed_and_one_leads_to_the_next(page: Page) -> None:
+def test_errors_are_listed_and_stepped_through(page: Page) -> None:
     assert page.run("document.getElementById('errors-count').textContent") == (
         "0 in this frame, 2 in the scene"
     )
-    for frame in (4, 5, 4):  # after the last error comes the first
+    for frame in (4, 5, 4):  # wraps around after the last error
         page.run("document.getElementById('error-next').click()")
         assert label(page).startswith(f"frame {frame} / 8")
         assert page.run("document.querySelector('#error-list small').textContent").startswith("gap")
     before = pixels(page)
-    page.run("document.querySelector('#error-kinds input').click()")  # misses are not wanted
+    page.run("document.querySelector('#error-kinds input').click()")  # misses are deselected
     assert page.run("document.getElementById('error-list').textContent") == "none in this frame"
     assert pixels(page) != before
 
 
-def test_it_follows_the_system_into_the_dark_and_the_button_out_of_it(page: Page) -> None:
+def test_dark_mode_follows_the_system_until_the_button_is_used(page: Page) -> None:
     background = "getComputedStyle(document.body).backgroundColor"
     light, drawn = page.run(background), pixels(page)
     page.resize(*LAPTOP, dark=True)
@@ -128,14 +128,14 @@ def test_it_follows_the_system_into_the_dark_and_the_button_out_of_it(page: Page
     page.run("localStorage.clear()")
 
 
-def test_nothing_is_wider_than_a_phone(page: Page) -> None:
+def test_nothing_is_wider_than_a_phone_screen(page: Page) -> None:
     page.resize(*PHONE)
     page.run("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     assert page.run("document.documentElement.scrollWidth") <= PHONE[0]
     assert page.run("document.getElementById('view-0').clientWidth") > 0.8 * PHONE[0]
 
 
-def test_every_control_has_a_name_and_is_reached_by_the_keyboard(page: Page) -> None:
+def test_every_control_has_a_name_and_is_reachable_by_keyboard(page: Page) -> None:
     nameless = page.run("""[...document.querySelectorAll('button, select, input')].filter((e) =>
         !(e.ariaLabel || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)""")
     assert nameless == []

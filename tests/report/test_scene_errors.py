@@ -4,12 +4,12 @@ from mottrack.core import SceneResult
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.eval.scores import ScoreConfig, ScoreFilter, scene_scores
 from mottrack.report.analysis import Analysis
-from mottrack.report.scene_errors import NOBODY, scene_errors
+from mottrack.report.scene_errors import NO_ID, scene_errors
 from mottrack.runs.comparison import Comparison
 
 
 def boxes(rows: list[tuple[int, int, float]]) -> dict[str, np.ndarray]:
-    """Rows of frame, identity and place along x."""
+    """Return box columns for rows of frame, identity and x."""
     n = len(rows)
     return {
         "frame": np.array([r[0] for r in rows], np.int64),
@@ -23,7 +23,7 @@ def boxes(rows: list[tuple[int, int, float]]) -> dict[str, np.ndarray]:
 
 
 def scene() -> SceneResult:
-    """An object found late and lost early, with a gap and a switch; one never found; a ghost."""
+    """Return a scene with every type of miss, a switch and a false positive."""
     truth = boxes([(f, 1, 10.0) for f in range(7)] + [(2, 2, 30.0)])
     tracks = boxes([(1, 7, 10.0), (2, 7, 10.0), (4, 9, 10.0), (5, 9, 10.0), (5, 8, -20.0)])
     frames = FrameTable(
@@ -47,24 +47,24 @@ def scene() -> SceneResult:
     )
 
 
-def test_every_error_is_named_by_its_kind() -> None:
+def test_every_error_has_its_type() -> None:
     found = scene_errors(scene(), [ScoreFilter("car")], ScoreConfig())
     assert [(e.frame, e.kind, e.detail, e.truth_id, e.track_id) for e in found] == [
-        (0, "miss", "late start", 1, NOBODY),
-        (2, "miss", "never found", 2, NOBODY),
-        (3, "miss", "gap", 1, NOBODY),
+        (0, "miss", "late start", 1, NO_ID),
+        (2, "miss", "never found", 2, NO_ID),
+        (3, "miss", "gap", 1, NO_ID),
         (4, "switch", "", 1, 9),
-        (5, "false positive", "", NOBODY, 8),
-        (6, "miss", "early end", 1, NOBODY),
+        (5, "false positive", "", NO_ID, 8),
+        (6, "miss", "early end", 1, NO_ID),
     ]
     assert found[-2].xy_m == (-20.0, 0.0)
 
 
-def test_the_listed_errors_add_up_to_the_table(comparison: Comparison) -> None:
+def test_the_listed_errors_sum_to_the_counts_of_the_table(comparison: Comparison) -> None:
     for run in comparison.runs:
-        cuts, config = Analysis.of(run).cuts, run.experiment.settings.scores
+        filters, config = Analysis.of(run).classes.filters, run.experiment.settings.scores
         results = [run.folder.load(scene) for scene in run.report.finished]
-        listed = [e.kind for result in results for e in scene_errors(result, cuts, config)]
+        listed = [e.kind for result in results for e in scene_errors(result, filters, config)]
         table = run.scores.overall.clear
         assert (listed.count("miss"), listed.count("false positive"), listed.count("switch")) == (
             table.misses,
@@ -72,5 +72,7 @@ def test_the_listed_errors_add_up_to_the_table(comparison: Comparison) -> None:
             table.switches,
         )
         assert table.misses == sum(
-            scene_scores(result, cut, config).clear.misses for result in results for cut in cuts
+            scene_scores(result, part, config).clear.misses
+            for result in results
+            for part in filters
         )

@@ -7,9 +7,11 @@ import pytest
 
 from mottrack.core import ConfigError
 from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.bootstrap import draw, evaluate_weighted, profiles
-from mottrack.eval.nuscenes.from_results import prepare_results, result_metrics, rules_for
-from mottrack.eval.run_figures import OFFICIAL, Resampling, run_figures
+from mottrack.eval.nuscenes.metrics import evaluate_prepared
+from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.nuscenes.resampling import evaluate_weighted, profiles
+from mottrack.eval.paired import draw
+from mottrack.eval.run_metrics import OFFICIAL, Resampling, run_metrics
 from mottrack.eval.scores import ScoreConfig
 from mottrack.eval.velocity_error import velocity_samples, velocity_table
 from mottrack.experiment.experiment import compose
@@ -67,7 +69,7 @@ def test_figures_are_those_of_the_tables_and_of_the_official_evaluation(
     run = comparison.runs[1]
     results: list[SceneResult] = [run.folder.load(scene) for scene in run.report.finished]
     common = Resampling.of([results], ScoreConfig(), resamples=5)
-    figures = {(k.table, k.row, k.metric): v for k, v in run_figures(results, common).items()}
+    figures = {(k.table, k.row, k.metric): v for k, v in run_metrics(results, common).items()}
     for (table, row, metric), sampled in figures.items():
         if table == "velocity":
             error = run.scores.velocity[row]
@@ -78,8 +80,9 @@ def test_figures_are_those_of_the_tables_and_of_the_official_evaluation(
     assert figures["flow", "dynamic", "RMSE of the flow"].value == pytest.approx(flow.rmse_m)
     assert figures["flow", "dynamic", "AAE"].value == pytest.approx(flow.aae_rad)
     rules = rules_for(["car"])
-    official = result_metrics(results, rules).total
-    classes = profiles(prepare_results(results, rules), rules)
+    prepared = prepare_results(results, rules)
+    official = evaluate_prepared(prepared, rules).total
+    classes = profiles(prepared, rules)
     weights = draw(len(results), 5)
     again = [evaluate_weighted(classes, weight, rules).total for weight in weights]
     for key in OFFICIAL:
@@ -94,7 +97,7 @@ def test_a_resample_of_the_velocity_table_is_that_of_the_copied_scenes(
     run = comparison.runs[0]
     results = [run.folder.load(scene) for scene in run.report.finished]
     common = Resampling.of([results], ScoreConfig(), resamples=4)
-    figures = run_figures(results, common)
+    figures = run_metrics(results, common)
     for b, weight in enumerate(common.weights):
         copies = [r for r, w in zip(results, weight, strict=True) for _ in range(w)]
         table = velocity_table([velocity_samples(r) for r in copies])

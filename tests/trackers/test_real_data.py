@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mottrack.core.objects import Objects, Tracks
-from mottrack.eval.nuscenes.submission_run import Request, run
+from mottrack.eval.nuscenes.command import Request, run
 from mottrack.trackers import KalmanTracker
 
 SCENE = "scene-0103"

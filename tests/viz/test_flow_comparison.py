@@ -13,7 +13,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.snapshot import Snapshot
-from mottrack.viz.flow_comparison import STILL, UNMEASURED, flow_comparison, flow_image
+from mottrack.viz.flow_comparison import STILL, UNMEASURED, FlowPanel, flow_comparison, flow_image
 
 GRID = BevGrid(-5.0, 5.0, -5.0, 5.0, 0.5)
 
@@ -33,9 +33,11 @@ def field() -> FlowField:
 
 def test_moving_is_coloured_and_grown_resting_grey_empty_white() -> None:
     image = flow_image(field(), 12.0)
-    assert image[10, 4, 0] == 1.0 and image[10, 4, 1] < 0.3  # forward is red
+    assert image[10, 4, 0] == 1.0  # forward is red
+    assert image[10, 4, 1] < 0.3
     assert np.array_equal(image[9, 3], image[10, 4])
-    assert (image[10, 10] == STILL).all() and (image[9, 10] == 1.0).all()
+    assert (image[10, 10] == STILL).all()
+    assert (image[9, 10] == 1.0).all()
     assert (image[10, 16] == UNMEASURED).all()
 
 
@@ -44,9 +46,12 @@ def test_a_field_and_its_snapshot_look_alike() -> None:
     assert np.array_equal(flow_image(kept, 12.0), flow_image(field(), 12.0))
 
 
-def test_a_line_for_each_scene_and_titles_over_the_first() -> None:
-    figure = flow_comparison([[("truth", field()), ("mine", field())]] * 3, reach_m=5.0)
+def test_a_row_for_each_scene_and_titles_above_the_first() -> None:
+    figure = flow_comparison(
+        [[FlowPanel("truth", field()), FlowPanel("mine", field())]] * 3, reach_m=5.0
+    )
     titled = [axes.get_title() for axes in figure.axes if axes.get_title()]
-    assert len(figure.axes) == 6 and titled == ["truth", "mine"]
+    assert len(figure.axes) == 6
+    assert titled == ["truth", "mine"]
     with pytest.raises(InputError, match="same number"):
-        flow_comparison([[("truth", field())], []])
+        flow_comparison([[FlowPanel("truth", field())], []])

@@ -55,8 +55,8 @@ def solid_range(solids, p: int, tau: float, origin: Array, direction: Array) -> 
     centre = solids.centre_m[p] + tau * solids.velocity_mps[p]
     centre = centre + tau * tau / 2 * solids.acceleration_mps2[p]
     yaw = solids.yaw_rad[p] + tau * solids.yaw_rate_radps[p]
-    turn = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
-    o, d = turn @ (origin - centre), turn @ direction
+    rotation = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    o, d = rotation @ (origin - centre), rotation @ direction
     if solids.kind[p] == 0:
         return box_range(o, d, solids.half_m[p], solids.chamfer_m[p])
     return round_range(o, d, solids.half_m[p], upright=solids.kind[p] == 1)

@@ -86,8 +86,9 @@ def test_frame_and_sweep_share_stamp_and_pose(scenes):
 
 def test_boxes_contain_the_points_of_their_objects_and_count_them(scenes):
     for scene in scenes:
-        sweep, point_truth, shot = scene.sweep(20), scene.sweep_truth(20), scene._shot(20)
-        truth = scene._truth(shot).transformed(pose_of(shot.posture).inverse(), "ego")
+        sweep, point_truth = scene.sweep(20), scene.sweep_truth(20)
+        true_pose = pose_of(scene.scan(20).posture)
+        truth = scene.frame(20).truth.transformed(true_pose.inverse(), "ego")
         assert (truth.num_points > 20).sum() >= 3
         for row in range(len(truth)):
             points = sweep.xyz_m[point_truth.object_id == truth.id[row]]
@@ -96,7 +97,7 @@ def test_boxes_contain_the_points_of_their_objects_and_count_them(scenes):
                 continue
             c, s = np.cos(truth.yaw_rad[row]), np.sin(truth.yaw_rad[row])
             local = (points - truth.centre_m[row]) @ [[c, -s, 0], [s, c, 0], [0, 0, 1]]
-            # a rolling scan sees movers up to a turn earlier; beams split by an edge end in between
+            # a rolling scan sees agents up to a revolution earlier; split beams end in between
             slack = 0.3 + 0.1 * np.hypot(*truth.velocity_mps[row])
             inside = (np.abs(local) < truth.size_m[row] / 2 + slack).all(axis=1)
             assert inside.mean() > 0.9
@@ -112,7 +113,7 @@ def test_static_background_stays_put_in_the_world(scenes):
             sweep, truth = scene.sweep(index), scene.sweep_truth(index)
             still = (truth.object_id == -1) & ~truth.is_ground
             near = np.hypot(*sweep.xyz_m[:, :2].T) < 25
-            clouds.append(pose_of(scene._shot(index).posture).apply(sweep.xyz_m[still & near]))
+            clouds.append(pose_of(scene.scan(index).posture).apply(sweep.xyz_m[still & near]))
         gap, _ = cKDTree(clouds[0]).query(clouds[1])
         assert np.median(gap) < 0.2
 
@@ -123,14 +124,14 @@ def test_velocity_of_points_is_that_of_their_boxes(scenes):
         boxes = frame.truth.transformed(frame.world_T_ego.inverse(), "ego")
         for row in np.flatnonzero(boxes.num_points > 15):
             mean = truth.velocity_mps[truth.object_id == boxes.id[row]].mean(axis=0)
-            # points lie off the middle, so a turning box adds to it; so does odometry's heading
+            # points lie off the middle, so the yaw rate adds to it; so does odometry's heading
             assert np.allclose(
                 mean, boxes.velocity_mps[row], atol=0.35 + 0.02 * np.linalg.norm(mean)
             )
         assert (truth.velocity_mps[truth.object_id == -1] == 0).all()
 
 
-def test_rolling_scan_fires_over_the_whole_turn_and_flash_at_once():
+def test_rolling_scan_fires_over_the_whole_revolution_and_flash_at_once():
     rolling = SyntheticDataset(config(scenes=1)).scene("synthetic-s0004-0000").sweep(3)
     flash = SyntheticDataset(config(scenes=1, rolling=False)).scene("synthetic-s0004-0000").sweep(3)
     assert rolling.time_offset_ns.min() < -95_000_000
@@ -138,7 +139,7 @@ def test_rolling_scan_fires_over_the_whole_turn_and_flash_at_once():
     assert (flash.time_offset_ns == 0).all()
 
 
-def test_movers_keep_within_what_their_kind_can_do(scenes):
+def test_agents_keep_within_what_their_kind_can_do(scenes):
     fastest = {"pedestrian": 3.5, "bicycle": 10.0, "animal": 6.0, "ball": 12.0, "debris": 5.0}
     for scene in scenes:
         world = scene.world
@@ -154,7 +155,7 @@ def test_movers_keep_within_what_their_kind_can_do(scenes):
 
 
 def test_positions_follow_velocities(scenes):
-    """The velocity in the truth is the derivative of the position, for everybody."""
+    """The velocity in the truth is the derivative of the position, for every agent."""
     step = 1e-4
     for scene in scenes:
         for time_s in (0.73, 2.251):
@@ -163,7 +164,7 @@ def test_positions_follow_velocities(scenes):
             assert np.allclose((b.xy_m - a.xy_m) / step, middle.velocity_mps[:, :2], atol=0.03)
 
 
-def test_strays_are_in_the_truth_but_never_detected():
+def test_unknown_objects_are_in_the_truth_but_never_detected():
     dense = config(scenes=2, density={"unknown": 8.0})
     found = set()
     for name in SyntheticDataset(dense).scene_names:
@@ -176,7 +177,7 @@ def test_strays_are_in_the_truth_but_never_detected():
 def test_objects_are_hidden_and_seen_again(scenes):
     counts = np.zeros((40, len(scenes[0].world.label)), dtype=int)
     for index in range(40):
-        counts[index] = scenes[0]._shot(index).count
+        counts[index] = scenes[0].scan(index).count
     seen = counts > 0
     hidden_between = [
         (~seen[:, j])[np.argmax(seen[:, j]) : 40 - np.argmax(seen[::-1, j])].any()

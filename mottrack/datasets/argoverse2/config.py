@@ -1,4 +1,4 @@
-"""What can be chosen about an Argoverse 2 data set, and the names of its classes."""
+"""Settings of an Argoverse 2 data set, and the names of its classes."""
 
 from __future__ import annotations
 

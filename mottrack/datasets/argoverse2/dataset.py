@@ -3,18 +3,36 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 
-from mottrack.datasets.argoverse2.config import Argoverse2Config
-from mottrack.datasets.argoverse2.scene import Argoverse2Scene
-from mottrack.datasets.choice import chosen_scenes, require_scene
-from mottrack.datasets.faults import MissingError
-from mottrack.datasets.files import existing_folder, inside
+import numpy as np
+
+from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.arrays import F64
+from mottrack.datasets.argoverse2.config import CLASSES, Argoverse2Config
+from mottrack.datasets.argoverse2.ground_height import GroundHeight, read_ground_height
+from mottrack.datasets.argoverse2.log_files import (
+    annotation_stamps,
+    read_annotations,
+    read_lidar_origin,
+    read_log_detections,
+    read_poses,
+    read_sweep,
+    sweep_stamps,
+)
+from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.formats.faults import MissingError
+from mottrack.formats.files import existing_folder, inside
+
+POSES = "city_SE3_egovehicle.feather"
 
 
 class Argoverse2:
     """The logs of one split."""
 
     Config = Argoverse2Config
+    name = "argoverse2"
 
     def __init__(self, config: Argoverse2Config) -> None:
         self._config = config
@@ -22,19 +40,10 @@ class Argoverse2:
             inside(config.root, config.split, follow_links=True), "split"
         )
 
-    @property
-    def name(self) -> str:
-        """Name of the data set."""
-        return "argoverse2"
-
     @cached_property
     def scene_names(self) -> tuple[str, ...]:
         """The chosen logs, or all folders that hold ego poses."""
-        poses = self._folder.glob("*/city_SE3_egovehicle.feather")
-        present = tuple(sorted(path.parent.name for path in poses))
-        if not present:
-            raise MissingError(self._folder, "logs", "none", "<log>/city_SE3_egovehicle.feather")
-        return chosen_scenes(self._config.scenes, present)
+        return chosen_scenes(self._config.scenes, scenes_in(self._folder, f"*/{POSES}"))
 
     def scene(self, name: str) -> Argoverse2Scene:
         """Open one log.
@@ -42,7 +51,111 @@ class Argoverse2:
         Raises:
             ConfigError: no log has that name.
             DataError: a file of it is missing or damaged.
-
         """
         require_scene(name, self.scene_names)
         return Argoverse2Scene(self._folder / name, self._config)
+
+
+class Argoverse2Scene:
+    """Frames of one log at 10 Hz, each a key frame; the token is the stamp in nanoseconds.
+
+    There is a frame at every time that has a sweep or annotations. The world is the city frame.
+    """
+
+    classes = CLASSES
+
+    def __init__(self, folder: Path, config: Argoverse2Config) -> None:
+        self._folder, self._config = folder, config
+        self._sweep_stamps = frozenset(sweep_stamps(folder / "sensors" / "lidar"))
+        self._stamps = self._frame_stamps()
+        self._poses = self._frame_poses()
+
+    @property
+    def name(self) -> str:
+        """Name of the log."""
+        return self._folder.name
+
+    @property
+    def has_sweeps(self) -> bool:
+        """Whether every frame has a sweep."""
+        return self._sweep_stamps.issuperset(self._stamps)
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame at `index`, boxes in the world."""
+        stamp_ns = self._stamp_ns(index)
+        return Frame(
+            stamp_ns=stamp_ns,
+            world_T_ego=self._poses[stamp_ns],
+            detections=objects_of(self._detections, index, stamp_ns),
+            truth=truth_of(self._truth, index, stamp_ns),
+            token=str(stamp_ns),
+        )
+
+    def sweep(self, index: int) -> Sweep:
+        """Return the sweep at `index`.
+
+        Raises:
+            DataError: the file is missing or damaged.
+        """
+        stamp_ns = self._stamp_ns(index)
+        path = self._folder / "sensors" / "lidar" / f"{stamp_ns}.feather"
+        return read_sweep(path, stamp_ns, self._poses[stamp_ns], self._origin_m)
+
+    def ground_height(self, xy_m: F64) -> F64:
+        """Return the map's height (N,) in metres at (N, 2) places of the world; NaN: unknown."""
+        return np.full(len(xy_m), np.nan) if self._ground is None else self._ground.at(xy_m)
+
+    @property
+    def detections_at(self) -> Path:
+        """The file of detections; the root where none was named."""
+        root, path = self._config.root, self._config.detections
+        if path is None:
+            return root
+        return path if path.is_file() else root / path
+
+    @property
+    def _annotation_file(self) -> Path:
+        return self._folder / "annotations.feather"
+
+    def _stamp_ns(self, index: int) -> int:
+        return self._stamps[checked_index(index, len(self), self.name)]
+
+    def _frame_stamps(self) -> list[int]:
+        stamps = set(self._sweep_stamps)
+        if not self._config.require_sweeps and self._annotation_file.is_file():
+            stamps |= set(annotation_stamps(self._annotation_file).tolist())
+        if not stamps:
+            raise DataError(self._folder, "frames", "none", "sweeps or annotations")
+        return sorted(stamps)[: self._config.frames]
+
+    def _frame_poses(self) -> dict[int, Pose]:
+        poses = read_poses(self._folder / POSES)
+        for stamp in self._stamps:
+            if stamp not in poses:
+                expected = f"a row with timestamp_ns {stamp}"
+                raise MissingError(self._folder / POSES, "pose", "missing", expected)
+        return {stamp: poses[stamp] for stamp in self._stamps}
+
+    @cached_property
+    def _origin_m(self) -> F64:
+        path = self._folder / "calibration" / "egovehicle_SE3_sensor.feather"
+        return read_lidar_origin(path) if path.is_file() else np.array(self._config.lidar_origin_m)
+
+    @cached_property
+    def _ground(self) -> GroundHeight | None:
+        return read_ground_height(self._folder / "map")
+
+    @cached_property
+    def _truth(self) -> TruthTable | None:
+        if not self._annotation_file.is_file():
+            return None
+        return read_annotations(self._annotation_file, self._poses, self._config)
+
+    @cached_property
+    def _detections(self) -> DetectionTable | None:
+        if self._config.detections is None:
+            return None
+        return read_log_detections(self.detections_at, self.name, self._poses, self._config)

@@ -11,14 +11,16 @@ import orjson
 
 from mottrack.core.arrays import F32, F64
 from mottrack.core.errors import DataError
-from mottrack.datasets.files import read_bytes
+from mottrack.datasets.rigid import MAX_DEFECT
+from mottrack.formats.files import read_bytes
 
 
 @dataclass(frozen=True)
 class GroundHeight:
-    """Height of the ground by place; cell (row, column) of a point is floor(s (R xy + t)).
+    """Height of the ground by place; cell (column, row) of a point is floor(s (R xy + t)).
 
     height_m: (H, W) raster, NaN where unknown; rows follow the city's y, columns its x.
+    rotation: (2, 2) R. translation: (2,) t in metres. scale: s in cells per metre.
     """
 
     height_m: F32
@@ -42,7 +44,6 @@ def read_ground_height(folder: Path) -> GroundHeight | None:
 
     Raises:
         DataError: a file of it is damaged, or only one of the two is there.
-
     """
     rasters = sorted(folder.glob("*_ground_height_surface____*.npy"))
     transforms = sorted(folder.glob("*___img_Sim2_city.json"))
@@ -51,7 +52,7 @@ def read_ground_height(folder: Path) -> GroundHeight | None:
     if len(rasters) != 1 or len(transforms) != 1:
         found = f"{len(rasters)} rasters, {len(transforms)} transforms"
         raise DataError(folder, "ground height", found, "one raster and one img_Sim2_city.json")
-    return GroundHeight(_raster(rasters[0]), *_transform(transforms[0]))
+    return _with_transform(transforms[0], _raster(rasters[0]))
 
 
 def _raster(path: Path) -> F32:
@@ -64,7 +65,7 @@ def _raster(path: Path) -> F32:
     return np.asarray(values, dtype=np.float32)
 
 
-def _transform(path: Path) -> tuple[F64, F64, float]:
+def _with_transform(path: Path, height_m: F32) -> GroundHeight:
     try:
         values: dict[str, Any] = orjson.loads(read_bytes(path))
         rotation = np.array(values["R"], dtype=np.float64).reshape(2, 2)
@@ -73,6 +74,6 @@ def _transform(path: Path) -> tuple[F64, F64, float]:
     except (orjson.JSONDecodeError, KeyError, TypeError, ValueError) as error:
         raise DataError(path, "transform", f"unreadable ({error})", "R (4), t (2), s") from error
     off = np.abs(rotation @ rotation.T - np.eye(2)).max()
-    if not off < 1e-3 or not np.isfinite(translation).all() or not scale > 0.0:
+    if not off < MAX_DEFECT or not np.isfinite(translation).all() or not scale > 0.0:
         raise DataError(path, "transform", values, "a rotation R, a finite t and a positive s")
-    return rotation, translation, scale
+    return GroundHeight(height_m, rotation, translation, scale)

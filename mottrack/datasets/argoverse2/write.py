@@ -1,4 +1,4 @@
-"""Any scenes as an Argoverse 2 sensor data set."""
+"""Write any scenes as an Argoverse 2 sensor data set."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ from mottrack.core import Frame, Objects, Pose, Scene, Sweep, Truth
 from mottrack.core.arrays import F64, Texts
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.argoverse2.config import CLASS_MAP
-from mottrack.datasets.argoverse2.feather import POSE, SIZE
+from mottrack.datasets.argoverse2.dataset import POSES
+from mottrack.datasets.argoverse2.log_files import (
+    INTENSITY_MAX,
+    ROTATION,
+    SIZE,
+    TRANSLATION,
+    UP_LIDAR,
+)
 from mottrack.datasets.counting import counted_points
 from mottrack.datasets.rigid import quaternion_wxyz, yaw_quaternions
 
@@ -21,6 +28,9 @@ _ARGOVERSE = {category: label for category, label in CLASS_MAP.items() if catego
 CATEGORY_OF = {label: category for category, label in reversed(_ARGOVERSE.items())} | {
     "truck": "TRUCK"
 }
+"""Label to Argoverse category: the first in the table, but for trucks."""
+_POSE = (*ROTATION, *TRANSLATION)
+_CUBOID = (*SIZE, *_POSE)
 DETECTIONS = "detections.feather"
 
 
@@ -53,10 +63,13 @@ def _write_log(scene: Scene, folder: Path) -> list[pa.Table]:
             annotations.append(_annotations(frame, frame.truth, sweep))
     if annotations:
         _save(pa.concat_tables(annotations), folder / "annotations.feather")
-    _save(_poses(frames), folder / "city_SE3_egovehicle.feather")
+    _save(_poses(frames), folder / POSES)
     _save(_mounting(origin), folder / "calibration" / "egovehicle_SE3_sensor.feather")
-    found = [frame for frame in frames if frame.detections is not None]
-    return [_detections(scene.name, frame, frame.detections) for frame in found if frame.detections]
+    return [
+        _detections(scene.name, frame, frame.detections)
+        for frame in frames
+        if frame.detections is not None and len(frame.detections)
+    ]
 
 
 def _points(sweep: Sweep) -> pa.Table:
@@ -64,7 +77,7 @@ def _points(sweep: Sweep) -> pa.Table:
     ring = np.zeros(count) if sweep.ring is None else sweep.ring
     offset = np.zeros(count) if sweep.time_offset_ns is None else sweep.time_offset_ns
     columns = {axis: sweep.xyz_m[:, i].astype(np.float16) for i, axis in enumerate("xyz")}
-    columns["intensity"] = np.round(sweep.reflectance * 255.0).astype(np.uint8)
+    columns["intensity"] = np.round(sweep.reflectance * INTENSITY_MAX).astype(np.uint8)
     columns["laser_number"] = ring.astype(np.uint8)
     columns["offset_ns"] = offset.astype(np.int32)
     return pa.table(columns)
@@ -74,39 +87,29 @@ def _annotations(frame: Frame, truth: Truth, sweep: Sweep | None) -> pa.Table:
     return pa.table(
         {
             "timestamp_ns": np.full(len(truth), frame.stamp_ns),
-            "track_uuid": [f"{number:08d}" for number in truth.id],
+            "track_uuid": pa.array([f"{number:08d}" for number in truth.id], pa.string()),
             "category": _categories(truth.label),
             **_cuboids(truth, frame),
             "num_interior_pts": counted_points(truth, sweep),
-        },
-        schema=None,
-    ).cast(_schema(("track_uuid", "category"), _CUBOID, ("num_interior_pts",)))
+        }
+    )
 
 
 def _detections(log: str, frame: Frame, found: Objects) -> pa.Table:
     return pa.table(
         {
             "timestamp_ns": np.full(len(found), frame.stamp_ns),
-            "log_id": [log] * len(found),
+            "log_id": pa.array([log] * len(found), pa.string()),
             "category": _categories(found.label),
             **_cuboids(found, frame),
             "score": found.score,
         }
-    ).cast(_schema(("log_id", "category"), (*_CUBOID, "score"), ()))
+    )
 
 
-_CUBOID = (*SIZE, *POSE)
-
-
-def _schema(texts: tuple[str, ...], numbers: tuple[str, ...], counts: tuple[str, ...]) -> pa.Schema:
-    fields = [("timestamp_ns", pa.int64())]
-    fields += [(name, pa.string()) for name in texts]
-    fields += [(name, pa.float64()) for name in numbers]
-    return pa.schema(fields + [(name, pa.int64()) for name in counts])
-
-
-def _categories(labels: Texts) -> list[str]:
-    return [CATEGORY_OF.get(str(label), str(label).upper()) for label in labels]
+def _categories(labels: Texts) -> pa.Array:
+    names = [CATEGORY_OF.get(str(label), str(label).upper()) for label in labels]
+    return pa.array(names, pa.string())
 
 
 def _cuboids(boxes: Truth | Objects, frame: Frame) -> dict[str, F64]:
@@ -118,7 +121,7 @@ def _cuboids(boxes: Truth | Objects, frame: Frame) -> dict[str, F64]:
 def _poses(frames: list[Frame]) -> pa.Table:
     values = np.array([_pose_row(frame.world_T_ego) for frame in frames])
     stamps = {"timestamp_ns": [frame.stamp_ns for frame in frames]}
-    return pa.table(stamps | {name: values[:, i] for i, name in enumerate(POSE)})
+    return pa.table(stamps | {name: values[:, i] for i, name in enumerate(_POSE)})
 
 
 def _pose_row(pose: Pose) -> F64:
@@ -127,8 +130,8 @@ def _pose_row(pose: Pose) -> F64:
 
 def _mounting(origin_m: F64) -> pa.Table:
     values = np.concatenate([[1.0, 0.0, 0.0, 0.0], origin_m])
-    columns = {name: [value] for name, value in zip(POSE, values, strict=True)}
-    return pa.table({"sensor_name": ["up_lidar"]} | columns)
+    columns = {name: [value] for name, value in zip(_POSE, values, strict=True)}
+    return pa.table({"sensor_name": [UP_LIDAR]} | columns)
 
 
 def _save(table: pa.Table, path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Logs of one's own car in a plain folder: see docs/own_logs.md."""
+"""Recordings of one's own in a plain folder: see docs/own_logs.md."""

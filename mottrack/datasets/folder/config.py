@@ -1,4 +1,4 @@
-"""What can be chosen about a folder of own logs."""
+"""Settings of a folder of own logs."""
 
 from __future__ import annotations
 

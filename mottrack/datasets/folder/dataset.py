@@ -1,38 +1,40 @@
-"""Logs of one's own, one folder each."""
+"""Recordings of one's own, one folder each."""
 
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 
-from mottrack.datasets.choice import chosen_scenes, require_scene
-from mottrack.datasets.faults import MissingError
-from mottrack.datasets.files import existing_folder
+from mottrack.core import DataError, Frame, Sweep, TruthTable
 from mottrack.datasets.folder.config import FolderConfig
-from mottrack.datasets.folder.scene import FolderScene
+from mottrack.datasets.folder.log_files import (
+    read_boxes_csv,
+    read_detections_csv,
+    read_poses_csv,
+    read_sweep,
+    sweep_file,
+)
+from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.formats.files import existing_folder
+
+POSES = "poses.csv"
 
 
 class Folder:
     """The logs of a folder, in the format of docs/own_logs.md."""
 
     Config = FolderConfig
+    name = "folder"
 
     def __init__(self, config: FolderConfig) -> None:
         self._config = config
         existing_folder(config.root, "root")
 
-    @property
-    def name(self) -> str:
-        """Name of the data set."""
-        return "folder"
-
     @cached_property
     def scene_names(self) -> tuple[str, ...]:
         """The chosen logs, or all folders with a poses.csv."""
-        root = self._config.root
-        present = tuple(sorted(path.parent.name for path in root.glob("*/poses.csv")))
-        if not present:
-            raise MissingError(root, "logs", "none", "<log>/poses.csv")
-        return chosen_scenes(self._config.scenes, present)
+        return chosen_scenes(self._config.scenes, scenes_in(self._config.root, f"*/{POSES}"))
 
     def scene(self, name: str) -> FolderScene:
         """Open one log.
@@ -40,7 +42,76 @@ class Folder:
         Raises:
             ConfigError: no log has that name.
             DataError: a file of it is missing or damaged.
-
         """
         require_scene(name, self.scene_names)
         return FolderScene(self._config.root / name, self._config)
+
+
+class FolderScene:
+    """A frame for each row of poses.csv; its token is the stamp."""
+
+    def __init__(self, folder: Path, config: FolderConfig) -> None:
+        self._folder, self._config = folder, config
+        self._poses = read_poses_csv(folder / POSES)
+        self._stamps = list(self._poses)
+        if not self._stamps:
+            raise DataError(folder / POSES, "rows", 0, "at least one pose")
+
+    @property
+    def name(self) -> str:
+        """Name of the folder."""
+        return self._folder.name
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """The labels that are scored."""
+        return self._config.classes
+
+    @cached_property
+    def has_sweeps(self) -> bool:
+        """Whether every frame has a sweep."""
+        return all(sweep_file(self._folder / "sweeps", stamp).is_file() for stamp in self._stamps)
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame at `index`, boxes in the world."""
+        stamp_ns = self._stamp_ns(index)
+        labelled = self._truth is not None and bool((self._truth.frame == index).any())
+        return Frame(
+            stamp_ns=stamp_ns,
+            world_T_ego=self._poses[stamp_ns],
+            detections=objects_of(self._detections, index, stamp_ns),
+            truth=truth_of(self._truth, index, stamp_ns),
+            is_key=labelled or self._config.key_frames == "all",
+            token=str(stamp_ns),
+        )
+
+    def sweep(self, index: int) -> Sweep:
+        """Return the sweep at `index`.
+
+        Raises:
+            DataError: the file is missing or damaged.
+        """
+        stamp_ns = self._stamp_ns(index)
+        path = sweep_file(self._folder / "sweeps", stamp_ns)
+        return read_sweep(path, stamp_ns, self._poses[stamp_ns], self._config.lidar_origin_m)
+
+    @property
+    def detections_at(self) -> Path:
+        """The log's file of detections."""
+        return self._folder / "detections.csv"
+
+    def _stamp_ns(self, index: int) -> int:
+        return self._stamps[checked_index(index, len(self), self.name)]
+
+    @cached_property
+    def _truth(self) -> TruthTable | None:
+        path = self._folder / "boxes.csv"
+        return read_boxes_csv(path, self._poses) if path.is_file() else None
+
+    @cached_property
+    def _detections(self) -> DetectionTable | None:
+        path = self.detections_at
+        return read_detections_csv(path, self._poses) if path.is_file() else None

@@ -1,1 +1,1 @@
-"""KITTI tracking: Velodyne sweeps, labels, calibration, poses and text detections."""
+"""KITTI tracking: labels, sweeps and poses as downloaded, detections in AB3DMOT's format."""

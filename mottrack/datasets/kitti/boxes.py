@@ -1,4 +1,4 @@
-"""KITTI boxes: the rectified camera's frame and the ego frame, exactly, both ways.
+"""KITTI boxes: in the rectified camera frame, in the ego frame and in the image.
 
 KITTI's camera looks along z, x is right and y is down; a box is given by the centre of its bottom
 face, (h, w, l) and the rotation `ry` about y. mottrack's ego frame is the Velodyne's (x forward,
@@ -14,6 +14,15 @@ import numpy as np
 
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
+
+WIDTH_PX, HEIGHT_PX = 1219.0, 375.0
+PROJECTION = np.array(
+    [[721.5377, 0.0, 609.5593, 0.0], [0.0, 721.5377, 172.854, 0.0], [0.0, 0.0, 1.0, 0.0]]
+)
+"""P2 of KITTI's calibration of 2011-09-26; the image is twice its principal point wide."""
+FIELD_OF_VIEW_RAD = float(np.arctan2(PROJECTION[0, 2], PROJECTION[0, 0]))
+_NEAREST_M = 0.1
+"""Corners nearer than this, or behind the camera, are projected as if they were this far away."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,7 @@ def camera_to_ego(boxes: CameraBoxes, ego_T_camera: Pose) -> EgoBoxes:
     return EgoBoxes(
         centre_m=ego_T_camera.apply(centre_camera),
         size_m=boxes.size_hwl_m[:, ::-1].copy(),
-        yaw_rad=_turned(boxes.ry_rad),
+        yaw_rad=_converted_heading(boxes.ry_rad),
     )
 
 
@@ -57,11 +66,34 @@ def ego_to_camera(boxes: EgoBoxes, ego_T_camera: Pose) -> CameraBoxes:
     return CameraBoxes(
         bottom_m=bottom,
         size_hwl_m=boxes.size_m[:, ::-1].copy(),
-        ry_rad=_turned(boxes.yaw_rad),
+        ry_rad=_converted_heading(boxes.yaw_rad),
     )
 
 
-def _turned(angle_rad: F64) -> F64:
-    """-angle - pi/2 in [-pi, pi): its own inverse."""
-    turned: F64 = np.mod(-angle_rad + np.pi / 2.0, 2.0 * np.pi) - np.pi
-    return turned
+def _converted_heading(angle_rad: F64) -> F64:
+    """Return -angle - pi/2 in [-pi, pi), which is its own inverse."""
+    return np.mod(-angle_rad + np.pi / 2.0, 2.0 * np.pi) - np.pi
+
+
+def image_boxes(camera: CameraBoxes) -> F64:
+    """Return (N, 4) x1, y1, x2, y2 in pixels, clipped to the image, that hold the eight corners.
+
+    The image is that of the left colour camera.
+    """
+    corners = _corners(camera)
+    depth = np.maximum(corners[..., 2], _NEAREST_M)
+    x = PROJECTION[0, 0] * corners[..., 0] / depth + PROJECTION[0, 2]
+    y = PROJECTION[1, 1] * corners[..., 1] / depth + PROJECTION[1, 2]
+    x, y = np.clip(x, 0.0, WIDTH_PX), np.clip(y, 0.0, HEIGHT_PX)
+    return np.column_stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)])
+
+
+def _corners(camera: CameraBoxes) -> F64:
+    """Return (N, 8, 3) corners in the camera frame."""
+    height, width, length = camera.size_hwl_m.T
+    signs = np.array([[a, b, c] for a in (-0.5, 0.5) for b in (-1.0, 0.0) for c in (-0.5, 0.5)])
+    along, up, across = (signs[:, i] * s[:, None] for i, s in enumerate((length, height, width)))
+    cos, sin = np.cos(camera.ry_rad)[:, None], np.sin(camera.ry_rad)[:, None]
+    offset = np.stack([cos * along + sin * across, up, -sin * along + cos * across], axis=-1)
+    corners: F64 = camera.bottom_m[:, None] + offset
+    return corners

@@ -1,4 +1,4 @@
-"""What can be chosen about a KITTI tracking data set."""
+"""Settings of a KITTI tracking data set."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CLASS_MAP = {
     "Tram": "tram",
     "Misc": "misc",
 }
-"""KITTI's types and what they are called here. `DontCare` regions have no 3-D box and are
+"""KITTI's types and their labels. `DontCare` regions have no 3-D box and are
 dropped. Truck, tram and misc are not scored, but they move, so flow truth needs them."""
 
 

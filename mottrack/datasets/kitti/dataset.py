@@ -5,12 +5,27 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-from mottrack.datasets.choice import chosen_scenes, require_scene
-from mottrack.datasets.faults import MissingError
-from mottrack.datasets.files import existing_folder
-from mottrack.datasets.kitti.config import KittiConfig
+import numpy as np
+
+from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.datasets.checks import check_interval, check_points, read_float_rows
+from mottrack.datasets.kitti.boxes import camera_to_ego
+from mottrack.datasets.kitti.config import CLASSES, KittiConfig
+from mottrack.datasets.kitti.labels import camera_boxes, read_detection_file, read_label_file
 from mottrack.datasets.kitti.layout import SequenceFiles
-from mottrack.datasets.kitti.scene import KittiScene
+from mottrack.datasets.kitti.poses import read_calibration, read_camera_poses, read_oxts
+from mottrack.datasets.scene_boxes import (
+    DetectionTable,
+    centred_velocities,
+    objects_of,
+    to_world,
+    truth_of,
+    unknown_velocities,
+)
+from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.formats.columns import Columns
+from mottrack.formats.faults import MissingError
+from mottrack.formats.files import existing_folder
 
 
 class Kitti:
@@ -22,24 +37,17 @@ class Kitti:
     """
 
     Config = KittiConfig
+    name = "kitti"
 
     def __init__(self, config: KittiConfig) -> None:
         self._config = config
-        self._folder: Path = existing_folder(config.root / config.split, "split")
-
-    @property
-    def name(self) -> str:
-        """Name of the data set."""
-        return "kitti"
+        self._folder = existing_folder(config.root / config.split, "split")
 
     @cached_property
     def scene_names(self) -> tuple[str, ...]:
         """The chosen sequences, or all that have a calibration."""
         calibrations = existing_folder(self._folder / "calib", "calib")
-        present = tuple(sorted(path.stem for path in calibrations.glob("*.txt")))
-        if not present:
-            raise MissingError(calibrations, "sequences", "none", "<sequence>.txt")
-        return chosen_scenes(self._config.scenes, present)
+        return chosen_scenes(self._config.scenes, scenes_in(calibrations, "*.txt"))
 
     def scene(self, name: str) -> KittiScene:
         """Open one sequence.
@@ -47,7 +55,153 @@ class Kitti:
         Raises:
             ConfigError: no sequence has that name.
             DataError: a file of it is missing or damaged.
-
         """
         require_scene(name, self.scene_names)
         return KittiScene(SequenceFiles(self._config, name))
+
+
+class KittiScene:
+    """Frames of one sequence at 10 Hz, each a key frame; its token is KITTI's frame number.
+
+    Stamps are frame number times the configured period, since KITTI tracking records none.
+    """
+
+    classes = CLASSES
+
+    def __init__(self, files: SequenceFiles) -> None:
+        self._files = files
+        self._calibration = read_calibration(files.text("calib"))
+        self._poses = self._read_poses()
+        self._numbers = self._chosen_frames()
+
+    @property
+    def name(self) -> str:
+        """KITTI's sequence number, four digits."""
+        return self._files.sequence
+
+    @cached_property
+    def has_sweeps(self) -> bool:
+        """Whether every frame of the scene has a sweep."""
+        recorded = set(self._files.recorded_frames(len(self._poses)))
+        return recorded.issuperset(self._numbers)
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def frame(self, index: int) -> Frame:
+        """Return the frame at `index`, boxes in the world."""
+        number = self._number(index)
+        stamp_ns = self._stamp_ns(number)
+        return Frame(
+            stamp_ns=stamp_ns,
+            world_T_ego=self._poses[number],
+            detections=objects_of(self._detections, number, stamp_ns),
+            truth=truth_of(self._truth, number, stamp_ns),
+            token=f"{number:06d}",
+            labelled_azimuth_rad=self._calibration.field_of_view_rad,
+        )
+
+    def sweep(self, index: int) -> Sweep:
+        """Return the sweep at `index`: float32 x, y, z in the ego frame, reflectance.
+
+        Raises:
+            DataError: missing, empty or cut file, a value that is not finite or out of range.
+        """
+        number = self._number(index)
+        path = self._files.sweep(number)
+        values = read_float_rows(path, 4)
+        check_points(path, values[:, :3])
+        check_interval(path, "reflectance", values[:, 3], 1.0)
+        return Sweep(values[:, :3], values[:, 3], self._stamp_ns(number), self._poses[number])
+
+    @property
+    def detections_at(self) -> Path:
+        """Pattern of the detector's files; the root where none were named."""
+        return self._files.detections_at
+
+    def _number(self, index: int) -> int:
+        return self._numbers[checked_index(index, len(self), self.name)]
+
+    def _stamp_ns(self, number: int) -> int:
+        return round(number * self._files.config.period_s * 1e9)
+
+    def _read_poses(self) -> list[Pose]:
+        files, source = self._files, self._files.config.poses
+        if source == "none":
+            return [Pose.identity()] * max(self._frames_labelled(), files.last_frame() + 1)
+        if source == "poses" or (source == "auto" and not files.text("oxts").is_file()):
+            path, read = files.text("poses"), read_camera_poses
+        else:
+            path, read = files.text("oxts"), read_oxts
+        poses = read(path, self._calibration)
+        if len(poses) < self._frames_labelled():
+            expected = f"{self._frames_labelled()}, one for each labelled frame"
+            raise MissingError(path, "number of poses", len(poses), expected)
+        return poses
+
+    def _frames_labelled(self) -> int:
+        return 0 if self._labels is None else int(self._labels["frame"].max(initial=-1)) + 1
+
+    def _chosen_frames(self) -> list[int]:
+        numbers = list(range(len(self._poses)))
+        if self._files.config.require_sweeps:
+            numbers = self._files.recorded_frames(len(numbers))
+        if not numbers:
+            raise MissingError(self._files.sweeps, "sweeps", "missing", "at least one <frame>.bin")
+        return numbers[: self._files.config.frames]
+
+    @cached_property
+    def _labels(self) -> Columns | None:
+        path = self._files.text("label_02")
+        return read_label_file(path) if path.is_file() else None
+
+    @cached_property
+    def _truth(self) -> TruthTable | None:
+        if self._labels is None:
+            return None
+        rows = self._in_world(self._labels)
+        frame, track = rows["frame"], rows["track"]
+        stamps = np.array([self._stamp_ns(number) for number in frame], dtype=np.int64)
+        table = TruthTable(
+            frame=frame,
+            id=track,
+            label=rows["label"],
+            centre_m=rows["centre_m"],
+            size_m=rows["size_m"],
+            yaw_rad=rows["yaw_rad"],
+            velocity_mps=centred_velocities(track, stamps, rows["centre_m"]),
+            num_points=np.full(len(rows), -1),
+            interpolated=np.zeros(len(rows), dtype=bool),
+        )
+        kept = table.select(table.label != "")
+        return kept.select(np.argsort(kept.frame, kind="stable"))
+
+    @cached_property
+    def _detections(self) -> DetectionTable | None:
+        tables = [self._detection_table(path) for path in self._files.detections]
+        return DetectionTable.stacked(tables) if tables else None
+
+    def _detection_table(self, path: Path) -> DetectionTable:
+        detected = read_detection_file(path)
+        if detected["frame"].max(initial=-1) >= len(self._poses):
+            expected = f"below {len(self._poses)}, the number of poses"
+            raise DataError(path, "frame", int(detected["frame"].max()), expected)
+        rows = self._in_world(detected)
+        table = DetectionTable(
+            frame=rows["frame"],
+            label=rows["label"],
+            score=rows["score"],
+            centre_m=rows["centre_m"],
+            size_m=rows["size_m"],
+            yaw_rad=rows["yaw_rad"],
+            velocity_mps=unknown_velocities(len(rows)),
+        )
+        return table.select(table.label != "")
+
+    def _in_world(self, rows: Columns) -> Columns:
+        """Return the rows with their label, "" for a type that has none, and boxes in the world."""
+        class_map = self._files.config.class_map
+        label = np.array([class_map.get(str(kind), "") for kind in rows["type"]], dtype=np.str_)
+        ego = camera_to_ego(camera_boxes(rows), self._calibration.ego_T_camera)
+        centre_m, yaw_rad = to_world(ego.centre_m, ego.yaw_rad, rows["frame"], self._poses)
+        return rows.extended(label=label, centre_m=centre_m, size_m=ego.size_m, yaw_rad=yaw_rad)

@@ -2,107 +2,81 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mottrack.core.arrays import F64, I64, Texts
-from mottrack.datasets.files import Column, check_boxes, read_table, refuse_rows, repeated_rows
+from mottrack.datasets.checks import check_ego_places, check_headings, check_sizes
 from mottrack.datasets.kitti.boxes import CameraBoxes
+from mottrack.formats.columns import Columns, ColumnSpec, specs
+from mottrack.formats.text_rows import read_text_columns
 
 DONT_CARE = "DontCare"
 DETECTOR_TYPES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 """The numbers of the AB3DMOT text format."""
 
-_BOX = tuple(Column(name) for name in ("h", "w", "l", "x", "y", "z", "ry"))
-_IMAGE = tuple(Column(name) for name in ("x1", "y1", "x2", "y2"))
+_FRAME = ColumnSpec("frame", int)
+_IMAGE = specs("x1", "y1", "x2", "y2")
+_BOX = specs("h", "w", "l", "x", "y", "z", "ry")
 _LABEL = (
-    Column("frame", int),
-    Column("track", int),
-    Column("type", str),
-    Column("truncated"),
-    Column("occluded"),
-    Column("alpha"),
+    _FRAME,
+    ColumnSpec("track", int),
+    ColumnSpec("type", str),
+    *specs("truncated", "occluded", "alpha"),
     *_IMAGE,
     *_BOX,
 )
-_DETECTION = (Column("frame", int), Column("type", int), *_IMAGE, Column("score"), *_BOX)
+_DETECTION = (_FRAME, ColumnSpec("type", int), *_IMAGE, *specs("score"), *_BOX)
 MAX_FRAME = 999_999
 """A frame's file name has six digits."""
 
 
-@dataclass(frozen=True)
-class LabelledBoxes:
-    """N rows of `label_02/<sequence>.txt`, `DontCare` left out.
+def read_label_file(path: Path) -> Columns:
+    """Read the truth of one sequence, `DontCare` left out.
 
-    frame: (N,) frame index.
-    track: (N,) identity.
-    kind: (N,) KITTI's own type name.
-    boxes: in the rectified camera frame.
-    """
-
-    frame: I64
-    track: I64
-    kind: Texts
-    boxes: CameraBoxes
-
-
-@dataclass(frozen=True)
-class DetectedBoxes:
-    """N rows of a detection file: frame (N,), type name (N,), score (N,) and camera boxes."""
-
-    frame: I64
-    kind: Texts
-    score: F64
-    boxes: CameraBoxes
-
-
-def read_labels(path: Path) -> LabelledBoxes:
-    """Read the truth of one sequence.
+    The columns are those of `label_02`: frame, track, type (KITTI's own name), ..., h, w, l, x, y,
+    z, ry in the rectified camera frame.
 
     Raises:
         DataError: a broken line, a size that is not positive, or a track twice in one frame.
-
     """
-    table = read_table(path, _LABEL, optional=1)
-    keep = table["type"] != DONT_CARE
-    table = {name: values[keep] for name, values in table.items()}
-    _check_rows(path, table)
-    repeated = repeated_rows(np.column_stack([table["frame"], table["track"]]))
-    refuse_rows(path, table, repeated, "track", "each track once a frame")
-    return LabelledBoxes(table["frame"], table["track"], table["type"], _camera_boxes(table))
+    table = read_text_columns(path, _LABEL, optional=1)
+    table = table.select(table["type"] != DONT_CARE)
+    _check_boxes(table)
+    keys = np.column_stack([table["frame"], table["track"]])
+    table.refuse_repeated("track", keys, "each track once a frame")
+    return table
 
 
-def read_detections(path: Path) -> DetectedBoxes:
+def read_detection_file(path: Path) -> Columns:
     """Read detections of one sequence in the AB3DMOT text format.
 
     Its columns are frame, type (1 pedestrian, 2 car, 3 cyclist), x1, y1, x2, y2, score, h, w, l,
-    x, y, z, ry, alpha, separated by commas; alpha may be absent.
+    x, y, z, ry, alpha, separated by commas; alpha may be absent. Types become KITTI's own names.
 
     Raises:
         DataError: a broken line, an unknown type or a size that is not positive.
-
     """
-    table = read_table(path, _DETECTION, separator=",", optional=1)
-    _check_rows(path, table)
+    table = read_text_columns(path, _DETECTION, separator=",", optional=1)
+    _check_boxes(table)
     known = np.isin(table["type"], list(DETECTOR_TYPES))
-    refuse_rows(path, table, ~known, "type", f"one of {sorted(DETECTOR_TYPES)}")
+    table.refuse("type", ~known, f"one of {sorted(DETECTOR_TYPES)}")
     kind = np.array([DETECTOR_TYPES[number] for number in table["type"]], dtype=np.str_)
-    return DetectedBoxes(table["frame"], kind, table["score"], _camera_boxes(table))
+    return table.extended(type=kind)
 
 
-def _camera_boxes(table: dict[str, NDArray[Any]]) -> CameraBoxes:
+def _check_boxes(table: Columns) -> None:
+    no_frame = (table["frame"] < 0) | (table["frame"] > MAX_FRAME)
+    table.refuse("frame", no_frame, f"a frame number of 0 to {MAX_FRAME}")
+    check_sizes(table, "h", "w", "l")
+    check_ego_places(table, "x", "y", "z")
+    check_headings(table, "ry")
+
+
+def camera_boxes(table: Columns) -> CameraBoxes:
+    """Return the boxes of the rows of a label or detection file."""
     return CameraBoxes(
-        bottom_m=np.column_stack([table["x"], table["y"], table["z"]]),
-        size_hwl_m=np.column_stack([table["h"], table["w"], table["l"]]),
+        bottom_m=table.stacked(("x", "y", "z")),
+        size_hwl_m=table.stacked(("h", "w", "l")),
         ry_rad=table["ry"],
     )
-
-
-def _check_rows(path: Path, table: dict[str, NDArray[Any]]) -> None:
-    no_frame = (table["frame"] < 0) | (table["frame"] > MAX_FRAME)
-    refuse_rows(path, table, no_frame, "frame", f"a frame number of 0 to {MAX_FRAME}")
-    check_boxes(path, table, ("h", "w", "l"), ("x", "y", "z"), "ry")

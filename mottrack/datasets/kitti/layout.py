@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from mottrack.datasets.files import inside
 from mottrack.datasets.kitti.config import KittiConfig
 from mottrack.datasets.kitti.labels import DETECTOR_TYPES
+from mottrack.formats.files import inside
 
 
 @dataclass(frozen=True)
@@ -17,31 +17,32 @@ class SequenceFiles:
     config: KittiConfig
     sequence: str
 
-    @property
-    def calibration(self) -> Path:
-        """`calib/<sequence>.txt`."""
-        return self._text("calib")
-
-    @property
-    def labels(self) -> Path:
-        """`label_02/<sequence>.txt`."""
-        return self._text("label_02")
-
-    @property
-    def camera_poses(self) -> Path:
-        """`poses/<sequence>.txt`."""
-        return self._text("poses")
-
-    @property
-    def oxts(self) -> Path:
-        """`oxts/<sequence>.txt`."""
-        return self._text("oxts")
+    def text(self, folder: str) -> Path:
+        """Return `<folder>/<sequence>.txt` of `calib`, `label_02`, `poses` or `oxts`."""
+        return self.config.root / self.config.split / folder / f"{self.sequence}.txt"
 
     @property
     def sweeps(self) -> Path:
-        """`velodyne/<sequence>`."""
+        """`velodyne/<sequence>`, the folder of `<frame>.bin`."""
         root = self.config.velodyne_root or self.config.root / self.config.split / "velodyne"
         return root / self.sequence
+
+    def sweep(self, frame: int) -> Path:
+        """Return the sweep of one frame."""
+        return self.sweeps / f"{frame:06d}.bin"
+
+    def recorded_frames(self, count: int) -> list[int]:
+        """Return those of the frames 0 .. count - 1 that have a sweep, ascending.
+
+        KITTI's own recording misses some (four of sequence 0001).
+        """
+        present = {path.stem for path in self.sweeps.glob("*.bin")}
+        return [frame for frame in range(count) if f"{frame:06d}" in present]
+
+    def last_frame(self) -> int:
+        """Return the highest frame number that has a sweep, -1 where there is none."""
+        stems = [path.stem for path in self.sweeps.glob("[0-9][0-9][0-9][0-9][0-9][0-9].bin")]
+        return int(max(stems, default="-1"))
 
     @property
     def detections(self) -> tuple[Path, ...]:
@@ -59,6 +60,3 @@ class SequenceFiles:
             return self.config.root
         kinds = ",".join(DETECTOR_TYPES.values())
         return self.config.root / self.config.detections / f"{{{kinds}}}" / f"{self.sequence}.txt"
-
-    def _text(self, folder: str) -> Path:
-        return self.config.root / self.config.split / folder / f"{self.sequence}.txt"

@@ -1,24 +1,32 @@
-"""Any scenes as a KITTI tracking data set."""
+"""Write any scenes as a KITTI tracking data set."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from mottrack.core import Boxes, Frame, Pose, Scene
-from mottrack.core.arrays import F64
+from mottrack.core.arrays import I64
 from mottrack.core.storage import write_bytes, write_text
-from mottrack.datasets.kitti.boxes import CameraBoxes, EgoBoxes, ego_to_camera
-from mottrack.datasets.kitti.image import FIELD_OF_VIEW_RAD, PROJECTION, image_boxes
+from mottrack.datasets.kitti.boxes import (
+    FIELD_OF_VIEW_RAD,
+    PROJECTION,
+    CameraBoxes,
+    EgoBoxes,
+    ego_to_camera,
+    image_boxes,
+)
 from mottrack.datasets.kitti.labels import DETECTOR_TYPES
 
 CAMERA_T_EGO = Pose(
     np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
     np.array([-0.004, -0.076, -0.272]),
 )
+"""KITTI's mounting to the millimetre, its rotation rounded to the axes."""
+_NEAREST_M = 1.0
+"""Boxes centred nearer than this before the Velodyne are under the camera: not in its view."""
 KIND_OF = {
     "car": "Car",
     "pedestrian": "Pedestrian",
@@ -31,7 +39,6 @@ KIND_OF = {
 }
 """Label to KITTI type; everything else is `Misc`, as in KITTI."""
 DETECTIONS = "detections/pointrcnn"
-B = TypeVar("B", bound=Boxes)
 
 
 def write_kitti(scenes: Iterable[Scene], root: Path) -> tuple[str, ...]:
@@ -56,8 +63,7 @@ def _write_sequence(scene: Scene, root: Path, name: str) -> None:
         frame = scene.frame(index)
         poses.append(_row((frame.world_T_ego @ CAMERA_T_EGO.inverse()).matrix[:3].ravel(), 12))
         labels.extend(_label_rows(index, frame))
-        for kind, row in _detection_rows(index, frame):
-            detections[kind].append(row)
+        _add_detections(detections, index, frame)
         if scene.has_sweeps:
             sweep = scene.sweep(index)
             values = np.column_stack([sweep.xyz_m, sweep.reflectance]).astype("<f4")
@@ -72,7 +78,9 @@ def _write_sequence(scene: Scene, root: Path, name: str) -> None:
 def _label_rows(number: int, frame: Frame) -> list[str]:
     if frame.truth is None:
         return []
-    truth, camera, image = _seen(frame.truth, frame)
+    truth = frame.truth.select(_seen(frame.truth, frame))
+    camera = _camera_boxes(truth, frame)
+    image = image_boxes(camera)
     rows = []
     for i in range(len(truth)):
         kind = KIND_OF.get(str(truth.label[i]), "Misc")
@@ -82,33 +90,37 @@ def _label_rows(number: int, frame: Frame) -> list[str]:
     return rows
 
 
-def _detection_rows(number: int, frame: Frame) -> list[tuple[str, str]]:
+def _add_detections(rows: dict[str, list[str]], number: int, frame: Frame) -> None:
+    """Append the rows of a frame to those of each KITTI type."""
     if frame.detections is None:
-        return []
-    found, camera, image = _seen(frame.detections, frame)
+        return
+    found = frame.detections.select(_seen(frame.detections, frame))
+    camera = _camera_boxes(found, frame)
+    image = image_boxes(camera)
     numbers = {kind: number for number, kind in DETECTOR_TYPES.items()}
-    rows = []
     for i in range(len(found)):
         kind = KIND_OF.get(str(found.label[i]), "Misc")
         if kind in numbers:
             box = [*camera.size_hwl_m[i], *camera.bottom_m[i], camera.ry_rad[i], _alpha(camera, i)]
             values = _row([*image[i], found.score[i], *box], 6).replace(" ", ",")
-            rows.append((kind, f"{number},{numbers[kind]},{values}"))
-    return rows
+            rows[kind].append(f"{number},{numbers[kind]},{values}")
 
 
-def _seen(boxes: B, frame: Frame) -> tuple[B, CameraBoxes, F64]:
-    """The boxes whose centre the camera sees, in its frame and in its image."""
+def _seen(boxes: Boxes, frame: Frame) -> I64:
+    """Return the rows whose centre the camera sees."""
+    centre_m = boxes.transformed(frame.world_T_ego.inverse(), "ego").centre_m
+    azimuth = np.arctan2(centre_m[:, 1], centre_m[:, 0])
+    return np.flatnonzero((np.abs(azimuth) < FIELD_OF_VIEW_RAD) & (centre_m[:, 0] > _NEAREST_M))
+
+
+def _camera_boxes(boxes: Boxes, frame: Frame) -> CameraBoxes:
     ego = boxes.transformed(frame.world_T_ego.inverse(), "ego")
-    azimuth = np.arctan2(ego.centre_m[:, 1], ego.centre_m[:, 0])
-    seen = np.flatnonzero((np.abs(azimuth) < FIELD_OF_VIEW_RAD) & (ego.centre_m[:, 0] > 1.0))
-    kept = EgoBoxes(ego.centre_m[seen], ego.size_m[seen], ego.yaw_rad[seen])
-    camera = ego_to_camera(kept, CAMERA_T_EGO.inverse())
-    return boxes.select(seen), camera, image_boxes(camera)
+    ego_boxes = EgoBoxes(ego.centre_m, ego.size_m, ego.yaw_rad)
+    return ego_to_camera(ego_boxes, CAMERA_T_EGO.inverse())
 
 
 def _alpha(camera: CameraBoxes, index: int) -> float:
-    """Heading as seen along the ray to the object."""
+    """Return the heading relative to the ray to the object."""
     x, _, z = camera.bottom_m[index]
     return float(np.mod(camera.ry_rad[index] - np.arctan2(x, z) + np.pi, 2 * np.pi) - np.pi)
 

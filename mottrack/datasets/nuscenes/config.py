@@ -1,4 +1,4 @@
-"""What can be chosen about a nuScenes data set, and the names of its classes."""
+"""Settings of a nuScenes data set, and the names of its classes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class NuScenesConfig(StrictModel):
         None, description="detection file in the official format; relative: working folder, root"
     )
     detector_velocity: bool = Field(
-        False, description="hand on the detector's own velocities as measurements"
+        False, description="use the detector's own velocities as measurements"
     )
     rate_hz: Literal[2, 10, 20] = Field(
         10, description="frames: key frames only, every second sweep, every sweep"

@@ -8,6 +8,9 @@ boxes of a sample are parsed when they are asked for.
 from __future__ import annotations
 
 import json
+import mmap
+import re
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,27 +19,40 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from mottrack.core.arrays import F64, Mask
-from mottrack.core.errors import DataError
-from mottrack.datasets.faults import MissingError, TruncatedError
-from mottrack.datasets.files import MAX_BOX_SIZE_M
-from mottrack.datasets.nuscenes.columns import Kind
+from mottrack.core.arrays import F64
+from mottrack.core.errors import DataError, ResultError
+from mottrack.core.pose import wrap_angle
+from mottrack.core.storage import read_arrays, write_arrays
+from mottrack.datasets.checks import check_rotations, check_sizes, check_world_places
 from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
-from mottrack.datasets.nuscenes.detection_index import indexed
-from mottrack.datasets.nuscenes.truth import yaw_of
-from mottrack.datasets.rigid import MAX_PLACE_M, quaternion_length
-from mottrack.datasets.tables import DetectionTable
+from mottrack.datasets.rigid import quaternion_yaws
+from mottrack.datasets.scene_boxes import DetectionTable
+from mottrack.formats.cache import cache_key, is_large
+from mottrack.formats.columns import Columns, ColumnSpec
+from mottrack.formats.faults import MissingError, TruncatedError
+from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, Row, json_array, json_arrays
 
 MAX_SPEED_MPS = 200.0
-"""A faster object is none: its velocity is left out."""
-_KINDS = (
-    Kind("sample_token", text=True),
-    Kind("translation", 3),
-    Kind("size", 3),
-    Kind("rotation", 4),
-    Kind("detection_name", text=True),
-    Kind("detection_score"),
+"""A faster object does not exist: its velocity is left out."""
+QUATERNION_TOLERANCE = 1e-2
+"""Detectors compute in float32 and round; the official evaluation normalises what they write."""
+_FIELDS = (
+    ColumnSpec("sample_token", str),
+    TRANSLATION,
+    ColumnSpec("size", width=3),
+    ROTATION,
+    ColumnSpec("detection_name", str),
+    ColumnSpec("detection_score"),
 )
+_VELOCITY = ColumnSpec("velocity", width=2)
+_RESULTS = re.compile(rb'"results"\s*:\s*\{')
+_LIST = rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])'
+_EMPTY = re.compile(rb'"results"\s*:\s*\{\s*\}')
+_FIRST = re.compile(rb'"results"\s*:\s*\{\s*' + _LIST)
+# to look for the bracket that ends a list is five times as fast as for a quotation mark
+_NEXT = re.compile(rb"\]\s*,\s*" + _LIST)
+_END_BYTES = 256
+"""The closing braces are among the last bytes, white space between and after them included."""
 
 
 class DetectionFile:
@@ -52,7 +68,7 @@ class DetectionFile:
 
     @cached_property
     def _spans(self) -> dict[str, tuple[int, int]]:
-        return indexed(self._path, self._cache_dir).spans()
+        return sample_spans(self._path, self._cache_dir)
 
     def __contains__(self, sample_token: str) -> bool:
         return sample_token in self._spans
@@ -64,7 +80,6 @@ class DetectionFile:
 
         Raises:
             DataError: the file is damaged, or lacks some of the samples.
-
         """
         present = [token in self for token in sample_tokens]
         if not any(present):
@@ -78,69 +93,53 @@ class DetectionFile:
 
     def _boxes(self, frame: int, token: str) -> DetectionTable:
         rows = self._rows(token)
-        where = f"results[{token}]"
-        columns = {kind.name: self._column(where, rows, kind) for kind in _KINDS}
-        self._check(where, token, columns)
-        tracked = np.isin(columns["detection_name"], [name.encode() for name in CLASSES])
+        found = self._columns(token, rows)
+        tracked = np.isin(found["detection_name"], _encoded(CLASSES))
         table = DetectionTable(
             frame=np.full(len(rows), frame),
-            label=columns["detection_name"].astype(np.str_),
-            score=columns["detection_score"],
-            centre_m=columns["translation"],
-            size_m=columns["size"][:, [1, 0, 2]],
-            yaw_rad=yaw_of(columns["rotation"]),
+            label=found["detection_name"].astype(np.str_),
+            score=found["detection_score"],
+            centre_m=found["translation"],
+            size_m=found["size"][:, [1, 0, 2]],
+            yaw_rad=wrap_angle(quaternion_yaws(found["rotation"])),
             velocity_mps=_velocities(rows),
         )
         return table.select(tracked)
 
-    def _rows(self, token: str) -> list[dict[str, Any]]:
+    def _rows(self, token: str) -> list[Row]:
         start, end = self._spans[token]
         with self._path.open("rb") as file:
             file.seek(start)
             text = b"[" + file.read(end - start)
         rows = _first_value(text)
         if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-            raise TruncatedError(
-                self._path, f"results[{token}]", "not a list of boxes", "whole JSON"
-            )
+            field = f"results[{token}]"
+            raise TruncatedError(self._path, field, "not a list of boxes", "whole JSON")
         return rows
 
-    def _column(self, where: str, rows: list[dict[str, Any]], kind: Kind) -> NDArray[Any]:
-        values = [row.get(kind.name) for row in rows]
-        array = kind.array(values) if values else kind.empty()
-        if array is None:
-            bad = next(i for i, value in enumerate(values) if kind.array([value]) is None)
-            raise DataError(self._path, f"{where}[{bad}].{kind.name}", values[bad], kind.expected)
-        return array
+    def _columns(self, token: str, rows: list[Row]) -> Columns:
+        """Return the fields of the boxes of a sample, checked."""
 
-    def _check(self, where: str, token: str, columns: dict[str, NDArray[Any]]) -> None:
-        unit = np.abs(quaternion_length(columns["rotation"]) - 1.0) < 1e-2
-        known = np.isin(columns["detection_name"], [name.encode() for name in DETECTION_NAMES])
-        checks = (
-            ("sample_token", columns["sample_token"] == token.encode(), token),
-            ("size", _in_size(columns["size"]), f"three numbers in (0, {MAX_BOX_SIZE_M:g}] m"),
-            ("translation", _near(columns["translation"]), f"within {MAX_PLACE_M:g} m"),
-            ("rotation", unit, "a unit quaternion"),
-            ("detection_name", known, f"one of {', '.join(DETECTION_NAMES)}"),
-        )
-        for name, good, expected in checks:
-            if not good.all():
-                bad = int(np.flatnonzero(~good)[0])
-                value = columns[name][bad].tolist()
-                shown = value.decode() if isinstance(value, bytes) else value
-                raise DataError(self._path, f"{where}[{bad}].{name}", shown, expected)
+        def place(name: str, index: int) -> str:
+            return f"results[{token}][{index}].{name}"
+
+        arrays = json_arrays(self._path, rows, _FIELDS, place)
+        found = Columns(self._path, arrays, np.arange(len(rows)), place)
+        found.refuse("sample_token", found["sample_token"] != token.encode(), token)
+        check_sizes(found, "size")
+        check_world_places(found)
+        check_rotations(found, tolerance=QUATERNION_TOLERANCE)
+        known = np.isin(found["detection_name"], _encoded(DETECTION_NAMES))
+        found.refuse("detection_name", ~known, f"one of {', '.join(DETECTION_NAMES)}")
+        return found
 
 
-def _in_size(size_m: F64) -> Mask:
-    return np.asarray(((size_m > 0.0) & (size_m <= MAX_BOX_SIZE_M)).all(axis=1))
-
-
-def _near(centre_m: F64) -> Mask:
-    return np.asarray((np.abs(centre_m) <= MAX_PLACE_M).all(axis=1))
+def _encoded(names: tuple[str, ...]) -> list[bytes]:
+    return [name.encode() for name in names]
 
 
 def _first_value(text: bytes) -> Any:
-    """The JSON value that the text begins with, or None if it is damaged.
+    """Return the JSON value that the text begins with, or None if it is damaged.
 
     orjson for speed where the text is the list and its comma; else the standard library, which
     also reads the NaN that some detectors write as velocity.
@@ -157,12 +156,73 @@ def _first_value(text: bytes) -> Any:
     return value if rest[:1] in (",", "}") else None
 
 
-def _velocities(rows: list[dict[str, Any]]) -> F64:
-    """(N, 2), NaN where a box has no usable velocity."""
+def _velocities(rows: list[Row]) -> F64:
+    """Return (N, 2), NaN where a box has no usable velocity."""
     velocity = np.full((len(rows), 2), np.nan)
-    kind = Kind("velocity", 2)
     for index, row in enumerate(rows):
-        values = kind.array([row.get("velocity")])
+        values = json_array([row.get("velocity")], _VELOCITY)
         if values is not None and np.abs(values[0]).max() < MAX_SPEED_MPS:
             velocity[index] = values[0]
     return velocity
+
+
+def sample_spans(path: Path, cache_dir: Path | None) -> dict[str, tuple[int, int]]:
+    """Return where each sample's boxes are: `file[start:end]` by sample token.
+
+    The text begins behind the opening bracket of the list and runs to the next sample's name or
+    the file's end. The index of a large file is kept in `cache_dir`.
+
+    Raises:
+        DataError: missing file, no results, a cut end, or a sample that comes twice.
+    """
+    if not path.is_file():
+        raise MissingError(path, "file", "missing", "a detection file")
+    index = _index(path, cache_dir)
+    names = [token.decode(errors="replace") for token in index["token"].tolist()]
+    spans = zip(index["start"].tolist(), index["end"].tolist(), strict=True)
+    return dict(zip(names, spans, strict=True))
+
+
+def _index(path: Path, cache_dir: Path | None) -> dict[str, NDArray[Any]]:
+    if cache_dir is None or not is_large([path]):
+        return _scan(path)
+    entry = cache_dir / f"detections-{cache_key([path])}.npz"
+    try:
+        return read_arrays(entry)
+    except ResultError:
+        index = _scan(path)
+    with suppress(OSError):  # a cache that can't be written is done without
+        write_arrays(entry, index)
+    return index
+
+
+def _scan(path: Path) -> dict[str, NDArray[Any]]:
+    """Return `token`, `start` and `end` (N,) of the lists of N samples."""
+    if not path.stat().st_size:
+        raise TruncatedError(path, "size in bytes", 0, "a detection file")
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        _check_envelope(path, text)
+        first = _FIRST.search(text)
+        if first is None and not _EMPTY.search(text):
+            raise DataError(path, "results", "no list first", "{sample_token: [box, ...], ...}")
+        found = [first, *_NEXT.finditer(text, first.end())] if first else []
+        token = [match.group(1) for match in found]
+        start = [match.end() for match in found]
+        end = [match.start(1) - 1 for match in found[1:]] + [len(text)] * bool(found)
+    index = {
+        "token": np.array(token, dtype=np.bytes_),
+        "start": np.array(start, dtype=np.int64),
+        "end": np.array(end, dtype=np.int64),
+    }
+    rows = Columns(path, index, index["token"], lambda _, token: f"results[{token.decode()}]")
+    rows.refuse_repeated("token", index["token"], "each sample once")
+    return index
+
+
+def _check_envelope(path: Path, text: mmap.mmap) -> None:
+    """Refuse a file without results, or without the two braces that close them and the whole."""
+    if not _RESULTS.search(text):
+        raise DataError(path, "results", "missing", "results: {sample_token: [box, ...], ...}")
+    end = b"".join(text[-_END_BYTES:].split())
+    if not end.endswith(b"}}"):
+        raise TruncatedError(path, "end of file", end[-20:], "two closing braces")

@@ -1,4 +1,4 @@
-"""One nuScenes scene."""
+"""One nuScenes scene: its sweeps, truth at key frames and, on request, between them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import Frame, Pose, Sweep, Truth, TruthTable
+from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import I64
-from mottrack.datasets.files import inside
-from mottrack.datasets.nuscenes.config import CLASSES, NuScenesConfig
+from mottrack.core.pose import wrap_angle
+from mottrack.datasets.checks import check_interval, check_points, read_float_rows
+from mottrack.datasets.nuscenes.config import CATEGORY_MAP, CLASSES, NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
-from mottrack.datasets.nuscenes.record import SceneRecord
-from mottrack.datasets.nuscenes.sweeps import read_sweep
-from mottrack.datasets.nuscenes.tables import text_of
-from mottrack.datasets.nuscenes.truth import interpolated_truth, key_frame_truth
-from mottrack.datasets.rigid import quaternion_pose
-from mottrack.datasets.tables import DetectionTable, truth_of
+from mottrack.datasets.nuscenes.records import SceneRecord
+from mottrack.datasets.rigid import quaternion_pose, quaternion_yaws
+from mottrack.datasets.scene_boxes import (
+    DetectionTable,
+    centred_velocities,
+    objects_of,
+    truth_of,
+)
+from mottrack.datasets.scenes import checked_index
+from mottrack.formats.files import inside
+from mottrack.formats.nuscenes_tables import text_of
+
+INTENSITY_MAX = 255.0
+"""Intensities are stored as the sensor's eight bits."""
+RING_MAX = 1023.0
+"""LIDAR_TOP has 32 beams; sensors of other data sets in this format have more, none so many."""
+RATE_HZ = 20
+"""Revolutions of LIDAR_TOP per second."""
 
 
 class NuScenesScene:
@@ -52,7 +65,6 @@ class NuScenesScene:
 
         Raises:
             DataError: a file's name leads out of the root.
-
         """
         root = self._config.root
         files = text_of(self._record.sweep_file[self._sweeps])
@@ -63,15 +75,14 @@ class NuScenesScene:
 
     def frame(self, index: int) -> Frame:
         """Return the frame at `index`."""
-        sweep = self._sweeps[index]
+        sweep = self._sweep_row(index)
         sample = int(self._record.sweep_sample[sweep])
-        stamp_ns = self._stamp_ns(index)
+        stamp_ns = self._stamp_ns(sweep)
         key = sample >= 0
-        detections = self._detections if key else None
         return Frame(
             stamp_ns=stamp_ns,
-            world_T_ego=self._pose(index),
-            detections=None if detections is None else detections.objects(sample, stamp_ns),
+            world_T_ego=self._pose(sweep),
+            detections=self._detections_at(sample, stamp_ns) if key else None,
             truth=self._truth_at(sample, stamp_ns),
             is_key=key,
             token=self._record.sample_token[sample].decode() if key else "",
@@ -80,33 +91,51 @@ class NuScenesScene:
     def sweep(self, index: int) -> Sweep:
         """Return the LIDAR_TOP sweep at `index`, in the ego frame.
 
-        Raises:
-            DataError: the file is missing or damaged, or its name leads out of the root.
+        The file is `.pcd.bin`: float32 x, y, z, intensity, ring in the sensor's own frame,
+        motion-compensated to its time stamp.
 
+        Raises:
+            DataError: missing, empty or cut file, a value that is not finite or out of range, or
+                the file's name leads out of the root.
         """
-        sweep = self._sweeps[index]
+        sweep = self._sweep_row(index)
         name = self._record.sweep_file[sweep].decode()
         path = inside(self._config.root, name, follow_links=self._config.follow_links)
-        mounting = self._record.ego_T_lidar[sweep]
-        return read_sweep(path, self._stamp_ns(index), self._pose(index), mounting)
+        values = read_float_rows(path, 5)
+        check_points(path, values[:, :3])
+        intensity, ring = values[:, 3], values[:, 4]
+        check_interval(path, "intensity", intensity, INTENSITY_MAX)
+        check_interval(path, "ring", ring, RING_MAX)
+        mount = self._record.ego_T_lidar[sweep]
+        ego_T_lidar = quaternion_pose(mount[:4], mount[4:], path, "mounting")
+        return Sweep(
+            xyz_m=ego_T_lidar.apply(values[:, :3]).astype(np.float32),
+            reflectance=intensity / np.float32(INTENSITY_MAX),
+            stamp_ns=self._stamp_ns(sweep),
+            world_T_ego=self._pose(sweep),
+            origin_m=ego_T_lidar.translation_m,
+            ring=ring.astype(np.int16),
+        )
 
     @property
     def detections_at(self) -> Path:
         """The file of detections; the root where none was named."""
         return self._config.root if self._detection_file is None else self._detection_file.path
 
-    def _stamp_ns(self, index: int) -> int:
-        return int(self._record.sweep_stamp_us[self._sweeps[index]]) * 1000
+    def _sweep_row(self, index: int) -> int:
+        """Return the row of the record's sweeps that a frame is."""
+        return int(self._sweeps[checked_index(index, len(self), self._name)])
 
-    def _pose(self, index: int) -> Pose:
-        pose = self._record.world_T_ego[self._sweeps[index]]
+    def _stamp_ns(self, sweep: int) -> int:
+        return int(self._record.sweep_stamp_us[sweep]) * 1000
+
+    def _pose(self, sweep: int) -> Pose:
+        pose = self._record.world_T_ego[sweep]
         return quaternion_pose(pose[:4], pose[4:], self._config.root, f"ego pose of {self._name}")
 
     def _truth_at(self, sample: int, stamp_ns: int) -> Truth | None:
         table = self._truth
-        if table is None:
-            return None
-        if sample >= 0:
+        if table is None or sample >= 0:
             return truth_of(table, sample, stamp_ns)
         before = int(np.searchsorted(self._key_stamp_ns, stamp_ns)) - 1
         if not self._config.interpolate_truth or not 0 <= before < len(self._key_stamp_ns) - 1:
@@ -117,25 +146,86 @@ class NuScenesScene:
     def _truth(self) -> TruthTable | None:
         return key_frame_truth(self._record)
 
+    def _detections_at(self, sample: int, stamp_ns: int) -> Objects | None:
+        velocities = self._config.detector_velocity
+        return objects_of(self._detections, sample, stamp_ns, velocities=velocities)
+
     @cached_property
     def _detections(self) -> DetectionTable | None:
         if self._detection_file is None:
             return None
-        table = self._detection_file.table(text_of(self._record.sample_token))
-        if table is None or self._config.detector_velocity:
-            return table
-        return table.without_velocity()
+        return self._detection_file.table(text_of(self._record.sample_token))
 
 
 def chosen_sweeps(sweep_sample: I64, rate_hz: int) -> I64:
     """Return which of the sweeps (20 Hz) are frames: all, every second, or the key frames.
 
     Every second one is counted back from each key frame, so that every key frame has a sweep two
-    turns, 0.1 s, before it. Sweeps after the last key frame serve nothing and are left out.
+    revolutions, 0.1 s, before it. Sweeps after the last key frame are of no use and left out.
+
+    Args:
+        sweep_sample: (S,) the key frame that each sweep is, -1 between key frames.
+        rate_hz: 2, 10 or 20.
     """
     keys = np.flatnonzero(sweep_sample >= 0)
     if rate_hz == 2:
         return keys
     every = np.arange(keys[-1] + 1, dtype=np.int64)
     to_next_key = keys[np.searchsorted(keys, every)] - every
-    return np.compress(to_next_key % (20 // rate_hz) == 0, every)
+    return np.compress(to_next_key % (RATE_HZ // rate_hz) == 0, every)
+
+
+def key_frame_truth(record: SceneRecord) -> TruthTable | None:
+    """Return the annotations, `frame` counting key frames; None without annotations.
+
+    Velocities follow nuScenes' own rule: the difference of the neighbouring annotations'
+    positions, centred where both exist, unknown over more than 1.5 s (3 s centred).
+    """
+    if not record.annotated[0]:
+        return None
+    key_stamp_us = record.sweep_stamp_us[record.sweep_sample >= 0]
+    stamp_ns = key_stamp_us[record.box_sample] * 1000
+    categories = text_of(record.box_category)
+    return TruthTable(
+        frame=record.box_sample,
+        id=record.box_instance,
+        label=np.array([CATEGORY_MAP.get(name, name) for name in categories], dtype=np.str_),
+        centre_m=record.box_centre_m,
+        size_m=record.box_size_wlh_m[:, [1, 0, 2]],
+        yaw_rad=wrap_angle(quaternion_yaws(record.box_rotation)),
+        velocity_mps=centred_velocities(record.box_instance, stamp_ns, record.box_centre_m),
+        num_points=record.box_points,
+        interpolated=np.zeros(len(stamp_ns), dtype=bool),
+    )
+
+
+def interpolated_truth(
+    table: TruthTable, key_frame: int, key_stamp_ns: I64, stamp_ns: int
+) -> Truth:
+    """Return the truth between two key frames, of the objects annotated in both.
+
+    Args:
+        table: truth at key frames.
+        key_frame: the last key frame before `stamp_ns`; there is one after it.
+        key_stamp_ns: (K,) times of the key frames.
+        stamp_ns: the time wanted.
+    """
+    before, after = (table.select(table.frame == key) for key in (key_frame, key_frame + 1))
+    _, left, right = np.intersect1d(before.id, after.id, return_indices=True)
+    before, after = before.select(left), after.select(right)
+    elapsed_ns = int(key_stamp_ns[key_frame + 1] - key_stamp_ns[key_frame])
+    share = (stamp_ns - int(key_stamp_ns[key_frame])) / elapsed_ns
+    moved = after.centre_m - before.centre_m
+    turned = wrap_angle(after.yaw_rad - before.yaw_rad)
+    return Truth(
+        stamp_ns=stamp_ns,
+        frame="world",
+        centre_m=before.centre_m + share * moved,
+        size_m=before.size_m,
+        yaw_rad=wrap_angle(before.yaw_rad + share * turned),
+        label=before.label,
+        id=before.id,
+        velocity_mps=moved[:, :2] / (elapsed_ns * 1e-9),
+        num_points=np.full(len(left), -1),
+        interpolated=np.ones(len(left), dtype=bool),
+    )

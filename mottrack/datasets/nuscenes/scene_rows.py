@@ -1,10 +1,9 @@
-"""The records and sweep files of one scene."""
+"""Records and sweep files that one scene adds to a nuScenes data set."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,12 +12,13 @@ from mottrack.core.arrays import F64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.counting import counted_points
 from mottrack.datasets.nuscenes.config import DETECTION_NAMES
-from mottrack.datasets.nuscenes.sweep_table import CHANNEL
-from mottrack.datasets.nuscenes.taxonomy import attribute_of, category_of
-from mottrack.datasets.nuscenes.tokens import token_of
-from mottrack.datasets.rigid import quaternion_wxyz, yaw_quaternions
+from mottrack.datasets.nuscenes.records import CHANNEL
+from mottrack.datasets.nuscenes.scene import INTENSITY_MAX
+from mottrack.datasets.nuscenes.static_rows import attribute_of, category_of, token_of
+from mottrack.datasets.nuscenes.submission import box_geometry
+from mottrack.datasets.rigid import quaternion_wxyz
+from mottrack.formats.nuscenes_tables import Row
 
-Row = dict[str, Any]
 EGO_R_LIDAR = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """nuScenes' LIDAR_TOP looks along its y axis."""
 
@@ -106,7 +106,7 @@ class SceneRows:
 
     def _add_boxes(self, sample: str, truth: Truth, sweep: Sweep | None) -> None:
         points = counted_points(truth, sweep)
-        rotation = yaw_quaternions(truth.yaw_rad)
+        geometry = box_geometry(truth)
         for i, identity in enumerate(truth.id.tolist()):
             category = self._category.setdefault(identity, category_of(str(truth.label[i])))
             attribute = attribute_of(category, float(np.hypot(*truth.velocity_mps[i])))
@@ -116,9 +116,7 @@ class SceneRows:
                 "instance_token": token_of("instance", self._name, identity),
                 "visibility_token": "4",
                 "attribute_tokens": [token_of("attribute", attribute)] if attribute else [],
-                "translation": truth.centre_m[i].tolist(),
-                "size": truth.size_m[i, [1, 0, 2]].tolist(),
-                "rotation": rotation[i].tolist(),
+                **geometry[i],
                 "num_lidar_pts": int(points[i]),
                 "num_radar_pts": 0,
             }
@@ -154,16 +152,14 @@ class SceneRows:
 
 def detection_rows(sample: str, found: Objects) -> list[Row]:
     """Return the boxes of one sample in the official detection format."""
-    rotation = yaw_quaternions(found.yaw_rad)
+    geometry = box_geometry(found)
     rows = []
     for i, label in enumerate(found.label.tolist()):
         if label in DETECTION_NAMES:
             rows.append(
                 {
                     "sample_token": sample,
-                    "translation": found.centre_m[i].tolist(),
-                    "size": found.size_m[i, [1, 0, 2]].tolist(),
-                    "rotation": rotation[i].tolist(),
+                    **geometry[i],
                     "velocity": _velocity(found, i),
                     "detection_name": label,
                     "detection_score": float(found.score[i]),
@@ -174,8 +170,10 @@ def detection_rows(sample: str, found: Objects) -> list[Row]:
 
 
 def _velocity(found: Objects, index: int) -> list[float]:
-    known = found.velocity is not None and found.velocity.valid[index]
-    return found.velocity.mean_mps[index].tolist() if known and found.velocity else [0.0, 0.0]
+    if found.velocity is None or not found.velocity.valid[index]:
+        return [0.0, 0.0]
+    x, y = found.velocity.mean_mps[index].tolist()
+    return [x, y]
 
 
 def _chain(rows: list[Row]) -> None:
@@ -200,5 +198,5 @@ def _points(sweep: Sweep) -> bytes:
     ego_T_lidar = Pose(EGO_R_LIDAR, sweep.origin_m)
     xyz_m = ego_T_lidar.inverse().apply(sweep.xyz_m)
     ring = np.zeros(len(sweep)) if sweep.ring is None else sweep.ring
-    intensity = np.round(sweep.reflectance * 255.0)
+    intensity = np.round(sweep.reflectance * INTENSITY_MAX)
     return np.column_stack([xyz_m, intensity, ring]).astype("<f4").tobytes()

@@ -1,17 +1,82 @@
-"""The tables that do not follow from the scenes' frames."""
+"""Tokens, the official lists that every version repeats, and tables that follow from no frame."""
 
 from __future__ import annotations
 
+import hashlib
 import struct
 import zlib
 from typing import Any
 
-from mottrack.datasets.nuscenes.sweep_table import CHANNEL
-from mottrack.datasets.nuscenes.taxonomy import ATTRIBUTES, CATEGORIES, VISIBILITIES
-from mottrack.datasets.nuscenes.tokens import token_of
+from mottrack.datasets.nuscenes.config import CATEGORY_MAP
+from mottrack.datasets.nuscenes.records import CHANNEL
 
 MAP_FILE = "maps/blank.png"
 DATE = "2020-01-01"
+CATEGORIES = (
+    *CATEGORY_MAP,
+    "human.pedestrian.wheelchair",
+    "human.pedestrian.stroller",
+    "human.pedestrian.personal_mobility",
+    "animal",
+    "vehicle.emergency.ambulance",
+    "vehicle.emergency.police",
+    "vehicle.construction",
+    "movable_object.barrier",
+    "movable_object.trafficcone",
+    "movable_object.pushable_pullable",
+    "movable_object.debris",
+    "static_object.bicycle_rack",
+)
+_CATEGORY_OF = (
+    {name: name for name in CATEGORIES}
+    | {name: category for category, name in CATEGORY_MAP.items()}
+    | {"pedestrian": "human.pedestrian.adult", "bus": "vehicle.bus.rigid"}
+)
+"""Label to official category; of several with the same label the commonest."""
+_MOVING_MPS = 0.5
+"""Slower objects move less than 0.25 m between key frames, about the error of a box."""
+ATTRIBUTES = (
+    "vehicle.moving",
+    "vehicle.stopped",
+    "vehicle.parked",
+    "cycle.with_rider",
+    "cycle.without_rider",
+    "pedestrian.sitting_lying_down",
+    "pedestrian.standing",
+    "pedestrian.moving",
+)
+VISIBILITIES = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
+_WALKING = ("pedestrian.moving", "pedestrian.standing")
+_RIDDEN = ("cycle.with_rider", "cycle.without_rider")
+_DRIVEN = ("vehicle.moving", "vehicle.parked")
+_ATTRIBUTES_OF = {
+    category: _WALKING if category.split(".")[:2] == ["human", "pedestrian"] else _DRIVEN
+    for category in CATEGORIES
+    if category.split(".")[0] in ("human", "vehicle")
+} | dict.fromkeys(("vehicle.bicycle", "vehicle.motorcycle"), _RIDDEN)
+"""Attribute of a category that moves, and of one that does not."""
+
+
+def token_of(kind: str, *parts: object) -> str:
+    """Return the token of a record, 32 hexadecimal digits.
+
+    The same parts give the same token on every machine.
+    """
+    text = "/".join([kind, *map(str, parts)])
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def category_of(label: str) -> str:
+    """Return the official category of a label; what is in no list is debris."""
+    return _CATEGORY_OF.get(label, "movable_object.debris")
+
+
+def attribute_of(category: str, speed_mps: float) -> str | None:
+    """Return the attribute that tells whether it moves; None where nuScenes has none."""
+    if category not in _ATTRIBUTES_OF:
+        return None
+    moving, still = _ATTRIBUTES_OF[category]
+    return moving if speed_mps > _MOVING_MPS else still
 
 
 def static_tables(scene_names: list[str]) -> dict[str, list[dict[str, Any]]]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import orjson
 
-from mottrack.core import DataError, InputError, SceneResult, TrackTable
-from mottrack.core.arrays import F64, I64
+from mottrack.core import Boxes, DataError, InputError, SceneResult, TrackTable
+from mottrack.core.arrays import I64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.nuscenes.config import CLASSES
 from mottrack.datasets.rigid import yaw_quaternions
+from mottrack.formats.nuscenes_tables import Row
 
 MAX_BOXES = 500
-"""A submission may hold so many boxes a sample; the surest are kept."""
+"""A submission may hold so many boxes a sample; those of the highest score are kept."""
 LIDAR_ONLY = {
     "use_camera": False,
     "use_lidar": True,
@@ -47,9 +47,8 @@ def write_submission(
     Raises:
         InputError: a frame has no token, a token comes twice, or a track has another class.
         DataError: a sample of the split is in no result.
-
     """
-    samples: dict[str, list[dict[str, Any]]] = {}
+    samples: dict[str, list[Row]] = {}
     for result in results:
         _add_scene(samples, result)
     missing = sorted(set(sample_tokens or ()) - samples.keys())
@@ -62,36 +61,46 @@ def write_submission(
     return sum(len(boxes) for boxes in samples.values())
 
 
-def _add_scene(samples: dict[str, list[dict[str, Any]]], result: SceneResult) -> None:
+def _add_scene(samples: dict[str, list[Row]], result: SceneResult) -> None:
     tracks = result.tracks
     unknown = sorted(set(tracks.label.tolist()) - set(CLASSES))
     if unknown:
         raise InputError(f"class of a track in {result.name}", unknown[0], ", ".join(CLASSES))
-    rotation = yaw_quaternions(tracks.yaw_rad)
+    geometry = box_geometry(tracks)
     for frame, token in enumerate(result.frames.token.tolist()):
         if not token or token in samples:
             raise InputError(
                 f"token of frame {frame} of {result.name}", repr(token), "one of its own"
             )
-        rows = _surest(tracks, np.flatnonzero(tracks.frame == frame))
-        samples[token] = [_box(token, result.name, tracks, i, rotation[i]) for i in rows.tolist()]
+        samples[token] = [
+            {
+                "sample_token": token,
+                **geometry[row],
+                "velocity": tracks.velocity_mps[row].tolist(),
+                "tracking_id": f"{result.name}_{tracks.id[row]}",
+                "tracking_name": str(tracks.label[row]),
+                "tracking_score": float(tracks.score[row]),
+            }
+            for row in _best_scored(tracks, np.flatnonzero(tracks.frame == frame)).tolist()
+        ]
 
 
-def _surest(tracks: TrackTable, rows: I64) -> I64:
+def _best_scored(tracks: TrackTable, rows: I64) -> I64:
+    """Return the rows, at most `MAX_BOXES` of them, in the order of the table."""
     if len(rows) <= MAX_BOXES:
         return rows
     order = np.argsort(-tracks.score[rows], kind="stable")[:MAX_BOXES]
     return rows[np.sort(order)]
 
 
-def _box(token: str, scene: str, tracks: TrackTable, row: int, rotation: F64) -> dict[str, Any]:
-    return {
-        "sample_token": token,
-        "translation": tracks.centre_m[row].tolist(),
-        "size": tracks.size_m[row, [1, 0, 2]].tolist(),
-        "rotation": rotation.tolist(),
-        "velocity": tracks.velocity_mps[row].tolist(),
-        "tracking_id": f"{scene}_{tracks.id[row]}",
-        "tracking_name": str(tracks.label[row]),
-        "tracking_score": float(tracks.score[row]),
-    }
+def box_geometry(boxes: Boxes | TrackTable) -> list[Row]:
+    """Return translation, size (w, l, h) and rotation (w, x, y, z) of N boxes in the world."""
+    rotation = yaw_quaternions(boxes.yaw_rad)
+    return [
+        {
+            "translation": boxes.centre_m[i].tolist(),
+            "size": boxes.size_m[i, [1, 0, 2]].tolist(),
+            "rotation": rotation[i].tolist(),
+        }
+        for i in range(len(boxes.yaw_rad))
+    ]

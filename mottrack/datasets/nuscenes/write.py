@@ -1,10 +1,9 @@
-"""Any scenes as a nuScenes data set: the thirteen tables, sweeps, a detection file."""
+"""Write any scenes as a nuScenes data set: the thirteen tables, sweeps, a detection file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import orjson
 
@@ -12,17 +11,12 @@ from mottrack.core import InputError, Scene
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.nuscenes.scene_rows import SceneRows
 from mottrack.datasets.nuscenes.static_rows import MAP_FILE, blank_map, static_tables
+from mottrack.datasets.nuscenes.submission import LIDAR_ONLY
 from mottrack.formats.nuscenes_splits import split_scenes
+from mottrack.formats.nuscenes_tables import Row
 
 VERSION = "v1.0-trainval"
 DETECTIONS = "detections/synthetic.json"
-META = {
-    "use_camera": False,
-    "use_lidar": True,
-    "use_radar": False,
-    "use_map": False,
-    "use_external": False,
-}
 
 
 def write_nuscenes(scenes: Iterable[Scene], root: Path) -> tuple[str, ...]:
@@ -33,11 +27,10 @@ def write_nuscenes(scenes: Iterable[Scene], root: Path) -> tuple[str, ...]:
 
     Raises:
         InputError: more scenes than nuScenes has names.
-
     """
     official = (*split_scenes("val"), *split_scenes("train"))
-    tables: dict[str, list[dict[str, Any]]] = {}
-    results: dict[str, list[dict[str, Any]]] = {}
+    tables: dict[str, list[Row]] = {}
+    results: dict[str, list[Row]] = {}
     names = []
     for number, scene in enumerate(scenes):
         if number >= len(official):
@@ -51,10 +44,10 @@ def write_nuscenes(scenes: Iterable[Scene], root: Path) -> tuple[str, ...]:
     for table, records in (static_tables(names) | tables).items():
         write_bytes(root / VERSION / f"{table}.json", table_bytes(records))
     write_bytes(root / MAP_FILE, blank_map())
-    write_bytes(root / DETECTIONS, orjson.dumps({"meta": META, "results": results}))
+    write_bytes(root / DETECTIONS, orjson.dumps({"meta": LIDAR_ONLY, "results": results}))
     return tuple(names)
 
 
-def table_bytes(records: list[dict[str, Any]]) -> bytes:
+def table_bytes(records: list[Row]) -> bytes:
     """Return a table as JSON, one record a line."""
     return b"[\n" + b",\n".join(orjson.dumps(record) for record in records) + b"\n]\n"

@@ -1,4 +1,4 @@
-"""What can be chosen about ROS 2 logs."""
+"""Settings of ROS 2 logs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of an mcap file by topic."""
+"""Messages of a ROS 2 log (mcap) by topic."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
+from mcap.records import Message
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdError
@@ -18,8 +19,9 @@ from zstandard import ZstdError
 from mottrack.core.errors import DataError
 
 _STAMP = struct.Struct("<iI")
+"""builtin_interfaces/msg/Time, little-endian: seconds, nanoseconds."""
 _CDR_HEADER_BYTES = 4
-# what the libraries raise on damaged bytes: they check little themselves
+# mcap and rosbags check little themselves: this is what they raise on damaged bytes
 _FAULTS = (
     McapError,
     SerdeError,
@@ -37,8 +39,8 @@ _FAULTS = (
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a message is: its log time, and the stamp in its header."""
+class MessageTime:
+    """The two times of a message: when it was recorded, and the stamp in its header."""
 
     log_time_ns: int
     stamp_ns: int
@@ -51,40 +53,37 @@ class McapFile:
         self._path = path
         self._types = get_typestore(Stores.ROS2_HUMBLE)
 
-    def places(self, topic: str) -> list[Place]:
-        """Return where the messages of a topic are, in order of log time.
+    def times(self, topic: str) -> list[MessageTime]:
+        """Return the times of the messages of a topic, in order of recording.
 
         Raises:
             DataError: the file is damaged, or has no such topic.
-
         """
         with self._faults():
-            found = [Place(log, _header_stamp(data)) for log, _, data in self._raw(topic)]
+            found = [MessageTime(m.log_time, header_stamp(m.data)) for _, m in self._raw(topic)]
         self._require(topic, found)
         return found
 
-    def message(self, topic: str, place: Place) -> Any:
-        """Return the message at a place.
+    def message(self, topic: str, time: MessageTime) -> Any:
+        """Return the message of a topic with these times.
 
         Raises:
-            DataError: the file is damaged, or has no message there.
-
+            DataError: the file is damaged, or has no such message.
         """
         with self._faults():
-            for _, kind, data in self._raw(topic, place.log_time_ns):
-                if _header_stamp(data) == place.stamp_ns:
-                    return self._types.deserialize_cdr(data, kind)
-        raise DataError(self._path, "message", "missing", f"{topic} at {place.log_time_ns}")
+            for kind, message in self._raw(topic, time.log_time_ns):
+                if header_stamp(message.data) == time.stamp_ns:
+                    return self._types.deserialize_cdr(message.data, kind)
+        raise DataError(self._path, "message", "missing", f"{topic} at {time.log_time_ns}")
 
     def messages(self, topic: str) -> list[Any]:
-        """Return all messages of a topic, in order of log time.
+        """Return all messages of a topic, in order of recording.
 
         Raises:
             DataError: the file is damaged, or has no such topic.
-
         """
         with self._faults():
-            found = [self._types.deserialize_cdr(data, kind) for _, kind, data in self._raw(topic)]
+            found = [self._types.deserialize_cdr(m.data, kind) for kind, m in self._raw(topic)]
         self._require(topic, found)
         return found
 
@@ -92,13 +91,13 @@ class McapFile:
         if not found:
             raise DataError(self._path, "topic", f"no message on {topic}", self._topics())
 
-    def _raw(self, topic: str, at_ns: int | None = None) -> Iterator[tuple[int, str, bytes]]:
+    def _raw(self, topic: str, at_ns: int | None = None) -> Iterator[tuple[str, Message]]:
+        """Yield the type and the message of each record of a topic, as it is stored."""
         with self._path.open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
             chosen = reader.iter_messages(topics=[topic], starting_at=at_ns, ending_at=at_ns)
             for schema, _, message in chosen:
-                kind = "" if schema is None else schema.name
-                yield message.log_time, kind, message.data
+                yield "" if schema is None else schema.name, message
 
     def _topics(self) -> str:
         with self._faults(), self._path.open("rb") as file:
@@ -115,7 +114,7 @@ class McapFile:
             raise DataError(self._path, "content", f"unreadable ({reason})", "mcap") from error
 
 
-def _header_stamp(data: bytes) -> int:
-    """The stamp that begins a message with a header, without reading the rest of it."""
+def header_stamp(data: bytes) -> int:
+    """Return the stamp, in ns, that begins a message with a header; nothing else is read."""
     seconds, nanoseconds = _STAMP.unpack_from(data, _CDR_HEADER_BYTES)
     return int(seconds) * 1_000_000_000 + int(nanoseconds)

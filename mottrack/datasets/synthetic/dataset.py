@@ -39,7 +39,7 @@ class SyntheticDataset:
         return tuple(scene_name(seed, first + k) for k in range(self._config.scenes))
 
     def scene(self, name: str) -> SyntheticScene:
-        """Opens one scene; its world is built when first asked for.
+        """Open one scene; its world is built when first asked for.
 
         Raises:
             ConfigError: no scene has that name.

@@ -1,4 +1,4 @@
-"""The protocol on folders of files, and its result as files and as a table."""
+"""Evaluation of folders of files; the result as files and as a table."""
 
 import csv
 import io
@@ -10,10 +10,9 @@ import numpy as np
 
 from mottrack.core.errors import DataError, unknown_name
 from mottrack.core.storage import write_text
-from mottrack.eval.kitti.labels import KittiBoxes, read_boxes
+from mottrack.eval.kitti.boxes import KittiBoxes, read_boxes
 from mottrack.eval.kitti.levels import KittiMetrics, evaluate
-from mottrack.eval.kitti.matching import prepare
-from mottrack.eval.kitti.rules import CLASSES, NEIGHBOURS, SPLITS, KittiRules
+from mottrack.eval.kitti.matching import CLASSES, NEIGHBOURS, SPLITS, KittiRules, prepare
 from mottrack.formats.text_rows import read_lines
 from mottrack.formats.text_table import aligned
 
@@ -32,7 +31,7 @@ class Folders:
 
 
 def sequences_of(split: str) -> tuple[str, ...]:
-    """Sequences of a split by name, of a comma-separated list, or of a file with one a line.
+    """Return the sequences of a split, of a comma-separated list, or of a file with one a line.
 
     Numbers of a list are filled up to four digits, as the files are named.
     """
@@ -47,9 +46,11 @@ def sequences_of(split: str) -> tuple[str, ...]:
 
 
 def evaluate_folders(folders: Folders, rules: KittiRules) -> KittiMetrics:
-    """Reads all sequences and evaluates one class.
+    """Read all sequences and evaluate one class.
 
-    Raises DataError for a missing or malformed file, ConfigError for an unknown class.
+    Raises:
+        DataError: a file is missing or malformed.
+        ConfigError: the class is unknown.
     """
     if rules.kind not in CLASSES:
         raise unknown_name("class", rules.kind, CLASSES)
@@ -75,7 +76,7 @@ def _read(folder: Path, sequence: str, rules: KittiRules) -> KittiBoxes:
 
 
 def write_outputs(folder: Path, results: list[KittiMetrics]) -> None:
-    """Writes kitti.json with every level and kitti.csv with a line per class."""
+    """Write kitti.json with every level and kitti.csv with a line per class."""
     content = [metrics.as_dict() for metrics in results]
     write_text(folder / "kitti.json", json.dumps(content, indent=2))
     text = io.StringIO()
@@ -87,7 +88,7 @@ def write_outputs(folder: Path, results: list[KittiMetrics]) -> None:
 
 
 def format_table(results: list[KittiMetrics]) -> str:
-    """A line per class with the columns of the published table, shares in per cent."""
+    """Return a line per class with the columns of the published table, shares in per cent."""
     head = ["class", *_PERCENT, *_COUNTS, *_SHARES]
     lines = [head]
     for metrics in results:

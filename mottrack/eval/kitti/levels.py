@@ -1,21 +1,113 @@
-"""Figures at forty recall levels, their averages, and the level of best MOTA."""
+"""Counts of passes, metrics at forty recall levels, their averages, and the level of best MOTA."""
 
+from collections.abc import Iterable
 from collections.abc import Sequence as Listed
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from mottrack.core.arrays import F64
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
-from mottrack.eval.kitti.counts import KittiCounts, count, total
-from mottrack.eval.kitti.matching import Sequence, match, mean_over_tracks
-from mottrack.eval.kitti.rules import KittiRules
+from mottrack.eval import arithmetic
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
+from mottrack.eval.kitti.matching import KittiRules, Match, Sequence, match, mean_over_tracks
+
+
+@dataclass(frozen=True, slots=True)
+class KittiCounts:
+    """Counts that add up over sequences."""
+
+    truth: int = 0
+    """True boxes that are not ignored."""
+    tp: int = 0
+    """Matches, those of ignored boxes included."""
+    fp: int = 0
+    fn: int = 0
+    ids: int = 0
+    frag: int = 0
+    mt: int = 0
+    ml: int = 0
+    trajectories: int = 0
+    """True tracks that are not ignored in every frame."""
+    iou: float = 0.0
+    """Sum of the overlap of all matches."""
+
+    @property
+    def errors(self) -> int:
+        """Misses, false positives and switches."""
+        return self.fn + self.fp + self.ids
+
+
+def count(sequence: Sequence, match: Match) -> KittiCounts:
+    """Return the counts of one pass over one sequence."""
+    hit = match.track_row >= 0
+    ignored = sequence.ignored_truth
+    tp = int(np.count_nonzero(hit))
+    unmatched = match.active.copy()
+    unmatched[match.track_row[hit]] = False
+    histories = [_history(ids, ign) for ids, ign in _trajectories(sequence, match) if not ign.all()]
+    return KittiCounts(
+        truth=int(np.count_nonzero(~ignored)),
+        tp=tp,
+        fp=int(np.count_nonzero(unmatched & ~sequence.ignored_tracks)),
+        fn=int(np.count_nonzero(~hit & ~ignored)),
+        ids=sum(h.ids for h in histories),
+        frag=sum(h.frag for h in histories),
+        mt=sum(bool(h.share > MOSTLY_TRACKED) for h in histories),
+        ml=sum(bool(h.share < MOSTLY_LOST) for h in histories),
+        trajectories=len(histories),
+        iou=float(match.iou.sum()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _History:
+    """Switches, fragmentations and the share of its frames in which a true track is matched."""
+
+    ids: int
+    frag: int
+    share: float
+
+
+def _trajectories(sequence: Sequence, match: Match) -> Iterable[tuple[I64, Mask]]:
+    """Yield per true track the matched identity (-1: none) of its frames and whether ignored."""
+    identity = np.full(len(sequence.truth), -1)
+    hit = match.track_row >= 0
+    identity[hit] = sequence.tracks.id[match.track_row[hit]]
+    for track in np.unique(sequence.truth.id):
+        rows = sequence.truth.id == track
+        yield identity[rows], sequence.ignored_truth[rows]
+
+
+def _history(ids: I64, ignored: Mask) -> _History:
+    """Count switches and fragmentations of a true track by KITTI's rule.
+
+    A change of identity is a switch if the box before was matched too. A change, from unmatched
+    included, is a fragmentation if the next box is matched as well, or there is none. The first
+    match is neither, and an ignored box makes the one after it a first one.
+    """
+    if (ids < 0).all():
+        return _History(0, 0, 0.0)
+    last = int(ids[0])
+    tracked, switches, fragments = int(ids[0] >= 0), 0, 0
+    for f in range(1, len(ids)):
+        if ignored[f]:
+            last = -1
+            continue
+        now, before = int(ids[f]), int(ids[f - 1])
+        if now >= 0 and last >= 0:
+            switches += last != now and before >= 0
+            fragments += bool(before != now and (f == len(ids) - 1 or ids[f + 1] >= 0))
+        if now >= 0:
+            tracked += 1
+            last = now
+    return _History(switches, fragments, tracked / float(np.count_nonzero(~ignored)))
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """The figures at one score threshold."""
+    """The metrics at one score threshold."""
 
     threshold: float
     recall_level: float
@@ -25,14 +117,13 @@ class Level:
     @property
     def mota(self) -> float:
         """1 - (fn + fp + ids) / truth, not clipped."""
-        c = self.counts
-        return 1.0 - (c.fn + c.fp + c.ids) / c.truth
+        return arithmetic.mota(self.counts.errors, self.counts.truth)
 
     @property
     def smota(self) -> float:
         """MOTA scaled by the recall asked for, in [0, 1]."""
         c, r = self.counts, self.recall_level
-        errors = c.fn + c.fp + c.ids - (1.0 - r) * c.truth
+        errors = c.errors - (1.0 - r) * c.truth
         return min(1.0, max(0.0, 1.0 - errors / (r * c.truth)))
 
     @property
@@ -41,7 +132,7 @@ class Level:
         return self.counts.iou / self.counts.tp if self.counts.tp else 0.0
 
     def as_dict(self) -> dict[str, float]:
-        """All figures of the level; MT and ML are shares of the true tracks."""
+        """Return all metrics of the level; MT and ML are shares of the true tracks."""
         c = self.counts
         tracks = c.trajectories or 1
         return {
@@ -70,7 +161,7 @@ class KittiMetrics:
     levels: tuple[Level, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers: averages, the best level's figures, and every level."""
+        """Return plain numbers: averages, the best level's metrics, and every level."""
         return {
             "class": self.rules.kind,
             "measure": self.rules.measure,
@@ -88,8 +179,8 @@ class _Passes:
 
     The official code replaces the scores of a track by their mean in every pass, so each pass takes
     the mean of the means before it. The last bits that this moves decide whether a track whose mean
-    is the threshold takes part; so the passes are kept in the official order, the last one being a
-    second look at the best threshold.
+    is the threshold takes part; so the passes keep the official order, of which the last one
+    repeats the best threshold.
     """
 
     def __init__(self, sequences: Listed[Sequence], rules: KittiRules) -> None:
@@ -97,7 +188,7 @@ class _Passes:
         self.scores = [sequence.tracks.score for sequence in sequences]
 
     def run(self, threshold: float, recall: float) -> tuple[Level, F64]:
-        """The counts at a threshold, and the scores of the matched boxes."""
+        """Return the counts at a threshold, and the scores of the matched boxes."""
         self.scores = [
             mean_over_tracks(sequence, score)
             for sequence, score in zip(self.sequences, self.scores, strict=True)
@@ -109,11 +200,13 @@ class _Passes:
         counts = [count(s, m) for s, m in zip(self.sequences, matches, strict=True)]
         rows = [m.track_row[m.track_row >= 0] for m in matches]
         scores = [score[r] for score, r in zip(self.scores, rows, strict=True)]
-        return Level(threshold, recall, total(counts)), np.concatenate([*scores, np.zeros(0)])
+        return Level(threshold, recall, arithmetic.total(counts, KittiCounts())), np.concatenate(
+            [*scores, np.zeros(0)]
+        )
 
 
 def evaluate(sequences: Listed[Sequence], rules: KittiRules) -> KittiMetrics:
-    """The metrics of prepared sequences.
+    """Return the metrics of prepared sequences.
 
     A level that is not reached counts 0 in the averages. Without any level, the pass with all
     tracks stands in for the best.
@@ -138,10 +231,10 @@ def evaluate(sequences: Listed[Sequence], rules: KittiRules) -> KittiMetrics:
 
 
 def thresholds(scores: F64, boxes: int, levels: int) -> list[tuple[float, float]]:
-    """(threshold, recall) of each level that is reached, the lowest recall first.
+    """Return (threshold, recall) of each level that is reached, the lowest recall first.
 
-    Walking down the scores, each level takes the score whose recall is nearest to it; the level of
-    recall 0 is left out.
+    In descending order of the scores, each level takes the score whose recall is nearest to it; the
+    level of recall 0 is left out.
     """
     points: list[tuple[float, float]] = []
     target = 0.0

@@ -1,17 +1,57 @@
-"""Matching of one sequence, and what is left out of the counts."""
+"""Rules of the protocol, matching of one sequence, and what is left out of the counts."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.eval.kitti.labels import KittiBoxes
-from mottrack.eval.kitti.rules import NEIGHBOURS, KittiRules
+from mottrack.eval.kitti.boxes import KittiBoxes
 from mottrack.geometry.iou import iou_3d
 from mottrack.geometry.rectangles import rectangle_area, rectangle_iou, shared_area
 
+Measure = Literal["3d", "2d"]
+
+VAL_SEQUENCES = (
+    "0001", "0006", "0008", "0010", "0012", "0013", "0014", "0015", "0016", "0018", "0019",
+)  # fmt: skip
+SPLITS = {
+    "val": VAL_SEQUENCES,
+    "train": tuple(f"{n:04d}" for n in range(21) if f"{n:04d}" not in VAL_SEQUENCES),
+    "trainval": tuple(f"{n:04d}" for n in range(21)),
+}
+"""Sequences of KITTI's training half; "val" is the one of AB3DMOT's tables."""
+CLASSES = ("car", "pedestrian", "cyclist")
+NEIGHBOURS = {"car": ("van",), "pedestrian": ("person_sitting",), "cyclist": ()}
+"""Classes so near that neither finding nor missing one of them counts."""
+DEFAULT_IOU: dict[Measure, float] = {"3d": 0.25, "2d": 0.5}
+"""Of AB3DMOT's tables, and of KITTI's own 2-D evaluation."""
+
+
+@dataclass(frozen=True, slots=True)
+class KittiRules:
+    """What is evaluated and how."""
+
+    kind: str = "car"
+    """The class, lower case."""
+    measure: Measure = "3d"
+    """Overlap of boxes in space, or of their rectangles in the image."""
+    min_iou: float = 0.25
+    max_occlusion: float = 2
+    """True boxes that are hidden more than "largely" are ignored."""
+    max_truncation: float = 0
+    """True boxes that are cut off by the image are ignored."""
+    min_height_px: float = 25
+    """Result boxes lower than this that match nothing are not false positives."""
+    dont_care_share: float = 0.5
+    """Neither are those with more than this share of their area in one "DontCare" region."""
+    levels: int = 40
+    """Recall levels, from 1 / 40 to 1."""
+
+
 _FORBIDDEN = 1e9
+"""Cost of a pair below the least IoU; allowed ones cost at most 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +71,7 @@ class Sequence:
     ignored_truth: Mask
     """(G,) hidden or cut off, or of a neighbour class."""
     ignored_tracks: Mask
-    """(P,) too small, of a neighbour class, or in a region nobody labelled; counts if unmatched."""
+    """(P,) too small, of a neighbour class, or in a region without labels: no false positive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +87,7 @@ class Match:
 
 
 def prepare(labels: KittiBoxes, results: KittiBoxes, rules: KittiRules) -> Sequence:
-    """Selects the class and computes all overlaps of a sequence."""
+    """Select the class and compute all overlaps of a sequence."""
     kinds = (rules.kind, *NEIGHBOURS[rules.kind])
     truth = _by_frame(labels.select(np.isin(labels.kind, kinds) & (labels.id >= 0)))
     tracks = _by_frame(results.select(np.isin(results.kind, kinds)))
@@ -55,16 +95,13 @@ def prepare(labels: KittiBoxes, results: KittiBoxes, rules: KittiRules) -> Seque
     truth_edges, track_edges = (
         np.append(np.searchsorted(b.frame, listed), len(b)) for b in (truth, tracks)
     )
-    measure = iou_3d if rules.measure == "3d" else rectangle_iou
-    sides = ("box", "box") if rules.measure == "3d" else ("image_box", "image_box")
-    a, b = getattr(truth, sides[0]), getattr(tracks, sides[1])
-    overlaps = [
-        measure(
-            a[truth_edges[f] : truth_edges[f + 1]],
-            b[track_edges[f] : track_edges[f + 1]],
-        )
-        for f in range(len(listed))
-    ]
+    in_space = rules.measure == "3d"
+    iou = iou_3d if in_space else rectangle_iou
+    rows, columns = (
+        np.split(b.box if in_space else b.image_box, edges[1:-1])
+        for b, edges in ((truth, truth_edges), (tracks, track_edges))
+    )
+    overlaps = [iou(a, b) for a, b in zip(rows, columns, strict=True)] if len(listed) else []
     hidden = (truth.occlusion > rules.max_occlusion) | (truth.truncation > rules.max_truncation)
     return Sequence(
         truth,
@@ -82,11 +119,9 @@ def _by_frame(boxes: KittiBoxes) -> KittiBoxes:
 
 
 def mean_over_tracks(sequence: Sequence, score: F64) -> F64:
-    """(P,) each result box's score replaced by the mean over its track, summed in time order."""
+    """Return the mean score of each result box's track (P,), summed in order of time."""
     _, track = np.unique(sequence.tracks.id, return_inverse=True)
-    mean: F64 = np.bincount(track, score) / np.maximum(np.bincount(track), 1)
-    means: F64 = mean[track]
-    return means
+    return (np.bincount(track, score) / np.maximum(np.bincount(track), 1))[track]
 
 
 def _ignored_tracks(labels: KittiBoxes, tracks: KittiBoxes, rules: KittiRules) -> Mask:
@@ -102,7 +137,7 @@ def _ignored_tracks(labels: KittiBoxes, tracks: KittiBoxes, rules: KittiRules) -
 
 
 def match(sequence: Sequence, active: Mask, min_iou: float) -> Match:
-    """Matches every frame by the largest total overlap, without regard to earlier frames.
+    """Match every frame by the largest total overlap, without regard to earlier frames.
 
     `active` (P,) are the result boxes that take part.
     """

@@ -33,7 +33,7 @@ class Samples:
         return len(self.token)
 
     def scene_of_sample(self) -> I64:
-        """(N,) scene of each sample."""
+        """Return the scene of each sample, (N,)."""
         return np.repeat(np.arange(self.scenes), np.diff(self.first))
 
 
@@ -62,23 +62,23 @@ class BoxTable:
         return len(self.sample)
 
     def select(self, index: NDArray[Any]) -> "BoxTable":
-        """The rows that a mask or index picks."""
+        """Return the rows that a mask or index picks."""
         return BoxTable(*(getattr(self, f.name)[index] for f in fields(self)))
 
     def with_score(self, score: F64) -> "BoxTable":
-        """The same boxes with other scores."""
+        """Return the same boxes with other scores."""
         return replace(self, score=score)
 
     @classmethod
     def stacked(cls, *parts: "BoxTable") -> "BoxTable":
-        """One table with all rows."""
+        """Return one table with all rows."""
         names = [f.name for f in fields(cls)]
         return cls(*(np.concatenate([getattr(part, n) for part in parts]) for n in names))
 
 
 @dataclass(frozen=True, slots=True)
 class Racks:
-    """Bicycle racks, within which bicycles and motorcycles are not judged."""
+    """Bicycle racks, within which bicycles and motorcycles are not evaluated."""
 
     sample: I64
     """(R,)"""
@@ -88,6 +88,11 @@ class Racks:
     """(R, 3) width, length, height, as in the tables."""
     rotation_wxyz: F64
     """(R, 4)"""
+
+    @classmethod
+    def none(cls) -> "Racks":
+        """Return an empty table."""
+        return cls(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,25 @@
-"""Ground truth from tables in nuScenes format; only the tables and key frames that are needed."""
+"""Ground truth from tables in nuScenes format, and a cache of it.
 
+Only the tables and key frames that are needed are read; still a full data set takes half a minute.
+A cached file names the tables it was made from with their sizes and times of change, and is made
+again when any of them differs. It lies in `$MOTTRACK_CACHE`, else in the user's cache folder; the
+data set itself is never written to.
+"""
+
+import hashlib
+import json
+import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64
-from mottrack.core.errors import DataError
+from mottrack.core.errors import DataError, ResultError
+from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
 from mottrack.eval.nuscenes.rules import CLASS_OF_CATEGORY, RACK_CATEGORY, Rules
 from mottrack.formats.nuscenes_tables import (
@@ -26,13 +37,17 @@ TABLES = (
     "instance", "sample_annotation",
 )  # fmt: skip
 
+FORMAT = "mottrack ground truth 1"
+_PARTS = {"samples": Samples, "boxes": BoxTable, "racks": Racks}
+
 
 def read_ground_truth(
     dataroot: Path, version: str, scene_names: Sequence[str], rules: Rules | None = None
 ) -> GroundTruth:
-    """Samples, true boxes and bicycle racks of the named scenes.
+    """Read samples, true boxes and bicycle racks of the named scenes.
 
-    Raises DataError for a missing table or record, and for a name that no scene has.
+    Raises:
+        DataError: a table or record is missing, or no scene has one of the names.
     """
     tables = _Tables(dataroot, version)
     samples = _samples(tables, scene_names)
@@ -70,7 +85,7 @@ class _Tables:
                 ) from None
 
     def column(self, name: str, value: str, tokens: Collection[str] = ()) -> dict[str, Any]:
-        """Token to one field, of all records or of those named."""
+        """Return token to one field, of all records or of those named."""
         path = self.path(name)
         thin = records_with("token", _encoded(tokens)) if tokens else None
         return {
@@ -80,7 +95,7 @@ class _Tables:
 
 
 def _samples(tables: _Tables, scene_names: Sequence[str]) -> Samples:
-    """Samples of the scenes in order of time, scenes in the order of their table."""
+    """Return the samples of the scenes in order of time, scenes in the order of their table."""
     wanted = set(scene_names)
     scenes = list(tables.rows("scene", lambda row: row["name"] in wanted))
     missing = sorted(wanted - {row["name"] for row in scenes})
@@ -103,7 +118,7 @@ def _samples(tables: _Tables, scene_names: Sequence[str]) -> Samples:
 
 
 def _ego_positions(tables: _Tables, samples: Sequence[str]) -> F64:
-    """(N, 2) position of the vehicle when each sample's LiDAR key frame was taken."""
+    """Return the position of the vehicle at each sample's LiDAR key frame, (N, 2)."""
     wanted = set(samples)
     lidars = {row["token"] for row in tables.rows("sensor", lambda row: row["channel"] == LIDAR)}
     mounts = {
@@ -130,7 +145,7 @@ def _ego_positions(tables: _Tables, samples: Sequence[str]) -> F64:
 
 
 def _annotations(tables: _Tables, samples: Samples, rules: Rules) -> tuple[BoxTable, Racks]:
-    """True boxes of the classes of the rules, in the order of the table, and racks."""
+    """Return true boxes of the classes of the rules, in the order of the table, and racks."""
     row_of = {token: row for row, token in enumerate(samples.token.tolist())}
     category = tables.column("category", "name")
     category_of = tables.column("instance", "category_token")
@@ -138,20 +153,24 @@ def _annotations(tables: _Tables, samples: Samples, rules: Rules) -> tuple[BoxTa
     label_of = {name: rules.classes.index(c) for name, c in CLASS_OF_CATEGORY.items()}
     scene_of = samples.scene_of_sample().tolist()
     track_of: dict[tuple[int, str], int] = {}
-    boxes: list[tuple[int, int, int, int]] = []
+    boxes: list[list[int]] = []
     centres: list[list[float]] = []
-    racks: list[tuple[int, list[float], list[float], list[float]]] = []
-    judged = records_with("sample_token", _encoded(row_of))
-    for row in tables.rows("sample_annotation", lambda row: row["sample_token"] in row_of, judged):
+    rack_samples: list[int] = []
+    racks: list[list[float]] = []
+    in_split = records_with("sample_token", _encoded(row_of))
+    for row in tables.rows(
+        "sample_annotation", lambda row: row["sample_token"] in row_of, in_split
+    ):
         instance = row["instance_token"]
         name = _lookup(category, _lookup(category_of, instance, path, "instance"), path, "category")
         sample = row_of[row["sample_token"]]
         if name == RACK_CATEGORY:
-            racks.append((sample, row["translation"], row["size"], row["rotation"]))
+            rack_samples.append(sample)
+            racks.append([*row["translation"], *row["size"], *row["rotation"]])
         elif name in label_of:
             track = track_of.setdefault((scene_of[sample], instance), len(track_of))
             points = row["num_lidar_pts"] + row["num_radar_pts"]
-            boxes.append((sample, track, label_of[name], points))
+            boxes.append([sample, track, label_of[name], points])
             centres.append(row["translation"])
     columns = np.array(boxes, np.int64).reshape(-1, 4)
     table = BoxTable(
@@ -162,17 +181,74 @@ def _annotations(tables: _Tables, samples: Samples, rules: Rules) -> tuple[BoxTa
         score=np.full(len(boxes), -1.0),
         num_points=columns[:, 3].copy(),
     )
-    return table, _rack_table(racks)
-
-
-def _rack_table(racks: list[tuple[int, list[float], list[float], list[float]]]) -> Racks:
-    sample = np.array([rack[0] for rack in racks], np.int64)
-    parts = [np.array([rack[k] for rack in racks], np.float64) for k in (1, 2, 3)]
-    centre, size, rotation = parts[0].reshape(-1, 3), parts[1].reshape(-1, 3), parts[2]
-    return Racks(sample, centre, size, rotation.reshape(-1, 4))
+    values = np.array(racks, np.float64).reshape(-1, 10)
+    racks_at = np.array(rack_samples, np.int64)
+    return table, Racks(racks_at, values[:, :3], values[:, 3:6], values[:, 6:])
 
 
 def _lookup(table: Mapping[str, Any], token: str, path: Path, what: str) -> Any:
     if token not in table:
         raise DataError(path, f"{what} {token}", "missing", "a record for it")
     return table[token]
+
+
+def cached_ground_truth(
+    dataroot: Path, version: str, scene_names: Sequence[str], rules: Rules | None = None
+) -> GroundTruth:
+    """Return what `read_ground_truth` does, from the cache where that is up to date.
+
+    A cache that cannot be read or written is not used.
+    """
+    rules = rules or Rules()
+    source = fingerprint(dataroot, version)
+    what = json.dumps([sorted(scene_names), list(rules.classes)])
+    path = _folder() / f"{_digest(str(dataroot.resolve()), version, what)}.npz"
+    stored = _read(path, source)
+    if stored is not None:
+        return stored
+    truth = read_ground_truth(dataroot, version, scene_names, rules)
+    _write(path, source, truth)
+    return truth
+
+
+def fingerprint(dataroot: Path, version: str) -> str:
+    """Return names, sizes and times of change of the tables, as text."""
+    paths = [table_path(dataroot, version, name) for name in TABLES]
+    return json.dumps([(p.name, p.stat().st_size, p.stat().st_mtime_ns) for p in paths])
+
+
+def _folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(os.environ.get("MOTTRACK_CACHE") or Path(base) / "mottrack")
+
+
+def _digest(*texts: str) -> str:
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()[:24]
+
+
+def _read(path: Path, source: str) -> GroundTruth | None:
+    if not path.is_file():
+        return None
+    try:
+        arrays = read_arrays(path)
+    except ResultError:
+        return None
+    if str(arrays.get("format")) != FORMAT or str(arrays.get("source")) != source:
+        return None
+    parts: dict[str, Any] = {
+        prefix: kind(**{f.name: arrays[f"{prefix}.{f.name}"] for f in fields(kind)})
+        for prefix, kind in _PARTS.items()
+    }
+    return GroundTruth(**parts)
+
+
+def _write(path: Path, source: str, truth: GroundTruth) -> None:
+    arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "source": np.array(source)}
+    for prefix in _PARTS:
+        part = asdict(getattr(truth, prefix))
+        arrays |= {f"{prefix}.{name}": value for name, value in part.items()}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_arrays(path, arrays)
+    except OSError:
+        return

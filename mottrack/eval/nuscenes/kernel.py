@@ -1,11 +1,11 @@
-"""The compiled part: candidate pairs, and one pass over a scene at one score threshold.
+"""Candidate pairs, and one pass over a scene at one score threshold, compiled.
 
 The rules are those of motmetrics' accumulator as nuScenes uses it: the last match of an object is
 kept after a gap of any length, then as many matches as possible with the least total distance.
 Nothing is stored per event; a pass keeps a few numbers per object.
 
 Rows are records, so that a pass has few arrays, and the functions are few, hence longer than
-elsewhere: both shorten the compilation, which the first user after an installation waits for.
+elsewhere: both shorten the compilation on the first use after an installation.
 """
 
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
 from mottrack.eval.nuscenes.assignment import Solver, solve
 
 MISS, MATCH, SWITCH = 0, 1, 2
@@ -37,7 +38,7 @@ TRUTH = np.dtype(
 )
 TRACK = np.dtype(
     {
-        "names": ["x", "y", "id", "score", "same_before", "rank", "wanted"],
+        "names": ["x", "y", "id", "score", "same_before", "rank", "candidate"],
         "formats": ["f8", "f8", "i8", "f8", "i8", "i8", "i8"],
     }
 )
@@ -65,7 +66,7 @@ class Scenes(NamedTuple):
     track: NDArray[Any]
     """(P + 1,) of TRACK: position, predicted track (from 1), score, the box before with the same
     id in the frame (-1: none); then, in a pass, its rank among the boxes of its frame above the
-    threshold, or TAKEN, and whether a true box wants it."""
+    threshold, or TAKEN, and whether it is a candidate of a true box."""
     pair: NDArray[Any]
     """(pairs,) of PAIR: predicted box and distance in metres, infinite beyond the gate, as a
     matrix product rounds it and as it is rounded where one side has one box only."""
@@ -75,8 +76,8 @@ class Scenes(NamedTuple):
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba ships no types
-def fma(_context: Any, a: Any, _b: Any, _c: Any) -> Any:
-    """The sum a * b + c, rounded once."""
+def fma(_context: Any, _a: Any, _b: Any, _c: Any) -> Any:
+    """Return a * b + c, rounded once."""
     signature = types.float64(types.float64, types.float64, types.float64)
 
     def build(_target: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
@@ -87,9 +88,9 @@ def fma(_context: Any, a: Any, _b: Any, _c: Any) -> Any:
 
 @compiled(no_cfunc_wrapper=True)
 def find_candidates(scenes: Scenes, gate: float) -> int:
-    """Lists the pairs of each frame nearer than the gate, as far as there is room in `pair`.
+    """List the pairs of each frame nearer than the gate, as far as there is room in `pair`.
 
-    Returns their number, so that a first call with no room counts them. The official distance is
+    Return their number, so that a first call with no room counts them. The official distance is
     sqrt(|g|^2 + |p|^2 - 2 g.p) by a matrix product, whose rounding depends on its shape: with one
     box on exactly one side the terms of g.p are added in the other order. At 1e3 m from the
     origin this moves a distance by up to 1e-5 m.
@@ -105,6 +106,7 @@ def find_candidates(scenes: Scenes, gate: float) -> int:
             x, y = t.x, t.y
             for p in range(now.track, end.track):
                 a, b = scenes.track[p].x, scenes.track[p].y
+                # a cheap first test, wider than the gate by more than the rounding of the distance
                 if abs(a - x) > gate + 0.1 or abs(b - y) > gate + 0.1:
                     continue
                 own, other = x * x + y * y, a * a + b * b
@@ -123,18 +125,25 @@ def find_candidates(scenes: Scenes, gate: float) -> int:
     return count
 
 
-@compiled(no_cfunc_wrapper=True)
-def count_passes(  # noqa: C901
-    scenes: Scenes, solver: Solver, passes: tuple[I64, F64], counts: I64, distance: F64
-) -> None:
-    """Runs one pass for each of J (scene, threshold).
+class Passes(NamedTuple):
+    """J passes over one scene each, and what they count."""
 
-    Fills counts (J, COUNT_NAMES) and the sum of distances (J,); leaves the events of the last pass
-    over each scene in `scenes.truth`.
-    """
-    for job in range(len(counts)):
-        scene, threshold = passes[0][job], passes[1][job]
-        count = counts[job]
+    scene: I64
+    """(J,)"""
+    threshold: F64
+    """(J,) least score of a predicted box that takes part."""
+    counts: I64
+    """(J, COUNT_NAMES) to be filled."""
+    distance_m: F64
+    """(J,) sum of the distances of all matches, to be filled."""
+
+
+@compiled(no_cfunc_wrapper=True)
+def count_passes(scenes: Scenes, solver: Solver, passes: Passes) -> None:  # noqa: C901
+    """Run all passes; leave the events of the last pass over each scene in `scenes.truth`."""
+    for job in range(len(passes.scene)):
+        scene, threshold = passes.scene[job], passes.threshold[job]
+        count = passes.counts[job]
         for f in range(scenes.scene[scene].frame, scenes.scene[scene + 1].frame):
             now, end = scenes.frame[f], scenes.frame[f + 1]
             boxes = end.truth - now.truth
@@ -143,7 +152,7 @@ def count_passes(  # noqa: C901
                 track = scenes.track[p]
                 above = track.score >= threshold
                 track.rank = active if above else TAKEN
-                track.wanted = 0
+                track.candidate = 0
                 if above:
                     active += 1
             if boxes + active == 0:
@@ -151,15 +160,15 @@ def count_passes(  # noqa: C901
             furthest = _match_frame(scenes, f, (boxes == 1) != (active == 1))
             if furthest >= 0.0:
                 _assign(scenes, solver, f, active, furthest)
-            distance[job] += _record(scenes, f, count)
+            passes.distance_m[job] += _record(scenes, f, count)
             count[FRAMES] += 1
             count[FP] += active
         count[FP] -= count[TP] + count[IDS]
         for o in range(scenes.scene[scene].object, scenes.scene[scene + 1].object):
             track = scenes.object[o]
             share = track.hits / track.length
-            count[MT] += share >= 0.8
-            count[ML] += share < 0.2
+            count[MT] += share >= MOSTLY_TRACKED
+            count[ML] += share < MOSTLY_LOST
             if track.hits > 0:
                 count[TRACKED] += 1
                 count[GAP] += track.run if track.run > track.longest else track.longest
@@ -168,11 +177,11 @@ def count_passes(  # noqa: C901
 
 @compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
-    """Keeps last matches, in the order of truth; then matches boxes with one candidate each.
+    """Keep last matches, in the order of truth; then match boxes with one candidate each.
 
     Of several boxes with the remembered id only the first free one is looked at; if that is too
-    far, nothing is carried over. Returns the furthest candidate distance if some box has two
-    candidates, so that an assignment must decide, else -1.
+    far, nothing is carried over. Return the furthest candidate distance if some box has two
+    candidates, so that an assignment is needed, else -1.
     """
     now, end = scenes.frame[f], scenes.frame[f + 1]
     for g in range(now.truth, end.truth):
@@ -205,11 +214,11 @@ def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
             track = scenes.track[pair.track]
             d = pair.thin if thin else pair.wide
             if track.rank != TAKEN and d < np.inf:
-                conflict = conflict or t.match >= 0 or track.wanted > 0
+                conflict = conflict or t.match >= 0 or track.candidate > 0
                 furthest = d if d > furthest else furthest
                 t.match = pair.track
                 t.distance = d
-                track.wanted = 1
+                track.candidate = 1
     return furthest if conflict else -1.0
 
 
@@ -217,7 +226,7 @@ def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
 def _assign(  # noqa: C901
     scenes: Scenes, solver: Solver, f: int, active: np.int64, furthest: float
 ) -> None:
-    """Most matches first, least distance second, on the whole frame as the official code does.
+    """Assign most matches first, least distance second, the whole frame as the official code.
 
     A forbidden pair costs more than all allowed ones together.
     """
@@ -256,7 +265,7 @@ def _assign(  # noqa: C901
 
 @compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _record(scenes: Scenes, f: int, count: I64) -> float:
-    """Counts a matched frame and updates its objects; returns the distances of the matches."""
+    """Count a matched frame, update its objects and return the distances of the matches."""
     metres = 0.0
     for g in range(scenes.frame[f].truth, scenes.frame[f + 1].truth):
         t = scenes.truth[g]

@@ -1,20 +1,28 @@
-"""From boxes as given to boxes as evaluated: filter, mean score of a track, gaps filled."""
+"""Preparation of the boxes: filter, mean score of a track, gaps filled; from scene results too."""
 
-from dataclasses import fields
+from collections.abc import Sequence
+from dataclasses import fields, replace
 
 import numpy as np
 
+from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
+from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Racks, Samples
-from mottrack.eval.nuscenes.rules import RACKED_CLASSES, Rules
+from mottrack.eval.nuscenes.rules import RACKED_CLASSES, RANGES_M, Rules
+
+FAR_M = 1e4
+"""Scenes farther than this from the origin are shifted there. No map of nuScenes reaches as far:
+its results are evaluated bit for bit as by the official code."""
 
 
 def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared:
-    """Truth and predictions as the evaluation sees them.
+    """Filter the boxes, average the scores of tracks and fill their gaps.
 
-    Raises InputError if the arrays do not fit together, or if no true or no predicted box is left
-    to evaluate.
+    Raises:
+        InputError: the arrays do not fit together, or no true or no predicted box is left to
+            evaluate.
     """
     left = []
     for boxes, name in ((truth.boxes, "truth"), (predictions, "predictions")):
@@ -34,7 +42,11 @@ def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared
 
 
 def check_boxes(boxes: BoxTable, samples: int, rules: Rules, name: str) -> None:
-    """Raises InputError for columns of unequal length, indices out of range, NaN and infinity."""
+    """Check the columns of a table.
+
+    Raises:
+        InputError: columns differ in length, an index is out of range, or a number not finite.
+    """
     for column in fields(boxes):
         length = len(getattr(boxes, column.name))
         if length != len(boxes):
@@ -50,7 +62,7 @@ def check_boxes(boxes: BoxTable, samples: int, rules: Rules, name: str) -> None:
 
 
 def kept_boxes(boxes: BoxTable, truth: GroundTruth, rules: Rules) -> Mask:
-    """(N,) boxes nearer to the ego than their class's range, with points, outside all racks."""
+    """Return the boxes nearer to the ego than their class's range, with points, not in a rack."""
     apart = boxes.centre_m[:, :2] - truth.samples.ego_xy_m[boxes.sample]
     distance = np.sqrt((apart**2).sum(axis=1))
     kept: Mask = distance < np.array(rules.ranges_m)[boxes.label]
@@ -62,7 +74,7 @@ def kept_boxes(boxes: BoxTable, truth: GroundTruth, rules: Rules) -> Mask:
 
 
 def _in_rack(boxes: BoxTable, racks: Racks) -> Mask:
-    """(N,) whether the centre lies in a rack of its sample, faces included."""
+    """Return whether the centre lies in a rack of its sample (N,), faces included."""
     order = np.argsort(racks.sample, kind="stable")
     first = np.searchsorted(racks.sample[order], boxes.sample, "left")
     count = np.searchsorted(racks.sample[order], boxes.sample, "right") - first
@@ -80,16 +92,16 @@ def _in_rack(boxes: BoxTable, racks: Racks) -> Mask:
 
 
 def _corners(racks: Racks) -> F64:
-    """(R, 4, 3) a corner of each rack and the corners next to it along its three edges."""
+    """Return a corner of each rack and its neighbours along the three edges, (R, 4, 3)."""
     width, length, height = racks.size_m.T / 2
     signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]])
     local = signs[None] * np.stack([length, width, height], axis=1)[:, None]
-    turned: F64 = np.einsum("rij,rkj->rki", _rotations(racks.rotation_wxyz), local)
-    return turned + racks.centre_m[:, None]
+    rotated: F64 = np.einsum("rij,rkj->rki", _rotations(racks.rotation_wxyz), local)
+    return rotated + racks.centre_m[:, None]
 
 
 def _rotations(quaternion_wxyz: F64) -> F64:
-    """(R, 3, 3) rotation matrices."""
+    """Return rotation matrices, (R, 3, 3)."""
     norm = np.linalg.norm(quaternion_wxyz, axis=1, keepdims=True)
     w, x, y, z = (quaternion_wxyz / np.where(norm > 0, norm, 1.0)).T
     rows = [
@@ -101,7 +113,7 @@ def _rotations(quaternion_wxyz: F64) -> F64:
 
 
 def mean_scores(boxes: BoxTable) -> F64:
-    """(N,) each box's score replaced by the mean over its track, whatever the classes.
+    """Return the mean score of each box's track (N,), whatever the classes.
 
     Thresholds are compared with these means, so they equal numpy's mean of a list of the scores in
     order of time to the last bit: tracks of equal length are averaged together, row by row.
@@ -122,10 +134,10 @@ def mean_scores(boxes: BoxTable) -> F64:
 
 
 def fill_gaps(boxes: BoxTable, samples: Samples, rules: Rules) -> BoxTable:
-    """Adds a box wherever a track misses samples between two of its boxes; sorts by sample.
+    """Add a box wherever a track misses samples between two of its boxes; sort by sample.
 
     Class and identity are those of the box after the gap. The weights are a share of time, either
-    swapped as in the official code or right (`Rules.interpolation`). In a sample the added boxes
+    swapped as in the official code or correct (`Rules.interpolation`). In a sample the added boxes
     follow the given ones, in the order in which their tracks first appear in the scene.
     """
     order = np.argsort(boxes.track, kind="stable")
@@ -156,3 +168,71 @@ def _between(
     score = (1.0 - share) * left.score + share * right.score
     unknown = np.full(len(sample), -1)
     return BoxTable(sample, right.track, right.label, centre, score, unknown)
+
+
+def prepare_results(results: Sequence[SceneResult], rules: Rules) -> Prepared:
+    """Prepare truth and tracks of scenes, from any data set, as the official evaluation does.
+
+    Raises:
+        InputError: no true or no tracked box is left to evaluate.
+    """
+    results = [_near_origin(result) for result in results]
+    offsets = np.concatenate([[0], np.cumsum([len(r.frames) for r in results])])
+    truth = [_boxes(r.truth, o, rules) for r, o in zip(results, offsets, strict=False)]
+    tracks = [_boxes(r.tracks, o, rules) for r, o in zip(results, offsets, strict=False)]
+    samples = Samples(
+        scene_name=np.array([r.name for r in results], dtype=np.str_),
+        first=offsets,
+        token=np.concatenate([r.frames.token for r in results]),
+        stamp_us=np.concatenate([r.frames.stamp_ns for r in results]) // 1000,
+        ego_xy_m=np.concatenate([r.frames.world_T_ego[:, :2, 3] for r in results]),
+    )
+    return prepare(GroundTruth(samples, _merged(truth), Racks.none()), _merged(tracks), rules)
+
+
+def _near_origin(result: SceneResult) -> SceneResult:
+    """Shift the scene by whole metres if it lies more than `FAR_M` from the world's origin.
+
+    The official distance is a difference of squared coordinates: at 4e6 m it is off by up to 9 cm.
+    """
+    world_T_ego = result.frames.world_T_ego
+    if np.abs(world_T_ego[:, :2, 3]).max(initial=0.0) <= FAR_M:
+        return result
+    origin_m = np.round(world_T_ego[0, :3, 3])
+    moved = world_T_ego.copy()
+    moved[:, :3, 3] -= origin_m
+    return replace(
+        result,
+        frames=replace(result.frames, world_T_ego=moved),
+        truth=replace(result.truth, centre_m=result.truth.centre_m - origin_m),
+        tracks=replace(result.tracks, centre_m=result.tracks.centre_m - origin_m),
+    )
+
+
+def rules_for(classes: Sequence[str]) -> Rules:
+    """Return rules with the official ranges where every class has one, else without a limit."""
+    if all(name in RANGES_M for name in classes):
+        return Rules(tuple(classes), tuple(float(RANGES_M[name]) for name in classes))
+    return Rules.for_classes(tuple(classes))
+
+
+def _boxes(table: TruthTable | TrackTable, offset: int, rules: Rules) -> BoxTable:
+    names = np.array(rules.classes)
+    table = table.select(np.isin(table.label, names))
+    order = np.argsort(names)
+    return BoxTable(
+        sample=table.frame + offset,
+        track=table.id,
+        label=order[np.searchsorted(names[order], table.label)].astype(np.int8),
+        centre_m=table.centre_m,
+        score=table.score if isinstance(table, TrackTable) else np.full(len(table), -1.0),
+        num_points=table.num_points if isinstance(table, TruthTable) else np.full(len(table), -1),
+    )
+
+
+def _merged(scenes: Sequence[BoxTable]) -> BoxTable:
+    """Return one table of all scenes; an identity in two scenes is two tracks."""
+    merged = BoxTable.stacked(*scenes)
+    scene = np.repeat(np.arange(len(scenes)), [len(boxes) for boxes in scenes])
+    _, track = np.unique(np.column_stack([scene, merged.track]), axis=0, return_inverse=True)
+    return replace(merged, track=track)

@@ -1,4 +1,4 @@
-"""The rules of the official tracking evaluation (configuration tracking_nips_2019)."""
+"""Rules of the official tracking evaluation (configuration tracking_nips_2019)."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -22,8 +22,9 @@ CLASS_OF_CATEGORY = {
 RACK_CATEGORY = "static_object.bicycle_rack"
 RACKED_CLASSES = ("bicycle", "motorcycle")
 MAX_BOXES_PER_SAMPLE = 500
+"""Of the official configuration, like the ranges and the worst values below."""
 FRAME_SECONDS = 0.5
-"""The official code counts frames and takes every one for half a second."""
+"""The official code counts frames and takes each for half a second (key frames, 2 Hz)."""
 
 LEVEL_METRICS = (
     "gt", "tp", "motar", "mota", "motp", "faf", "mt", "ml", "fp", "fn", "ids", "frag", "recall",
@@ -70,11 +71,11 @@ class Rules:
 
     @classmethod
     def for_classes(cls, classes: tuple[str, ...]) -> "Rules":
-        """The same measures for other classes, without a limit of range."""
+        """Return the same rules for other classes, without a limit of range."""
         return cls(classes=classes, ranges_m=(float("inf"),) * len(classes))
 
     def as_official_config(self) -> dict[str, Any]:
-        """The configuration as the devkit writes it into metrics_summary.json."""
+        """Return the configuration as the devkit writes it into metrics_summary.json."""
         return {
             "tracking_names": list(self.classes),
             "pretty_tracking_names": {name: name.capitalize() for name in self.classes},

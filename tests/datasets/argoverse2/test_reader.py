@@ -1,4 +1,4 @@
-"""The Argoverse 2 reader on published logs, and what it says about faults."""
+"""The Argoverse 2 reader on published logs, and its errors."""
 
 import numpy as np
 import pyarrow as pa

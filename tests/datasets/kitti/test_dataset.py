@@ -1,4 +1,4 @@
-"""The KITTI reader: what it reads, and what it says about damaged files."""
+"""The KITTI reader, and its errors on damaged files."""
 
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def test_without_poses_the_vehicle_stands(kitti_root):
 
 BROKEN = {
     "cut sweep": ("velodyne/0000/000001.bin", lambda b: b[:-3], "000001.bin: size in bytes is 29"),
-    "empty sweep": ("velodyne/0000/000001.bin", lambda b: b"", "size in bytes is 0"),
+    "empty sweep": ("velodyne/0000/000001.bin", lambda _: b"", "size in bytes is 0"),
     "NaN point": (
         "velodyne/0000/000001.bin",
         lambda b: b[:4] + np.float32(np.nan).tobytes() + b[8:],
@@ -100,7 +100,7 @@ BROKEN = {
         "rotation",
     ),
     "no R_rect": ("calib/0000.txt", lambda b: b.replace(b"R_rect", b"R_left"), "R_rect is missing"),
-    "no poses": ("poses/0000.txt", lambda b: b"", "lines is 0, expected one for each frame"),
+    "no poses": ("poses/0000.txt", lambda _: b"", "lines is 0, expected one for each frame"),
     "no view": (
         "calib/0000.txt",
         lambda b: b.replace(b"P2: 700", b"P2: 0"),
@@ -130,15 +130,18 @@ BROKEN = {
 }
 
 
+def read_second_frame(root):
+    scene = scene_of(root)
+    return scene.frame(1), scene.sweep(1)
+
+
 @pytest.mark.parametrize("fault", BROKEN)
 def test_damaged_file_is_named(kitti_root, fault):
     name, damage, message = BROKEN[fault]
     path = kitti_root / "training" / name
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(DataError, match=message) as caught:
-        scene = scene_of(kitti_root)
-        scene.frame(1)
-        scene.sweep(1)
+        read_second_frame(kitti_root)
     assert caught.value.file == path
     assert "\n" not in str(caught.value)
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from mottrack.core import ConfigError, DataError
-from mottrack.datasets.nuscenes import cache, store
+from mottrack.datasets.nuscenes import dataset as dataset_module
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
 from mottrack.datasets.nuscenes.scene import chosen_sweeps
+from mottrack.formats import cache
 from mottrack.lidar.in_boxes import points_in_boxes
 
 
@@ -110,7 +111,7 @@ def test_detection_file_must_be_whole_for_a_scene(root, tmp_path):
     path.write_text(json.dumps(content | {"results": {"of another split": []}}))
     assert scene_of(root, detections=path).frame(0).detections is None
     path.write_text('{"meta": {}, "results": {"a": [], "a": []}}')
-    with pytest.raises(DataError, match="repeated"):
+    with pytest.raises(DataError, match="expected each sample once"):
         scene_of(root, detections=path).frame(0)
     for damaged in ('{"meta": {}, "results": {"a": null}}', '{"meta": {}, "results": [{}]}'):
         path.write_text(damaged)
@@ -124,7 +125,7 @@ def test_large_tables_are_indexed_once(root, tmp_path, monkeypatch):
     first = scene_of(root, cache_dir=tmp_path)
     built = list(tmp_path.rglob("*.npz"))
     assert len(built) == 1
-    monkeypatch.setattr(store, "build_records", None)  # the index alone must do now
+    monkeypatch.setattr(dataset_module, "build_records", None)  # the index alone must do now
     again = scene_of(root, cache_dir=tmp_path)
     for scene in (first, again):
         np.testing.assert_array_equal(scene.frame(0).truth.centre_m, whole.frame(0).truth.centre_m)

@@ -11,11 +11,9 @@ from typer.testing import CliRunner
 from mottrack.cli import app
 from mottrack.core.errors import ConfigError, DataError
 from mottrack.eval.kitti import files
-from mottrack.eval.kitti.counts import count
-from mottrack.eval.kitti.labels import read_boxes
-from mottrack.eval.kitti.levels import KittiMetrics, evaluate, thresholds
-from mottrack.eval.kitti.matching import match, prepare
-from mottrack.eval.kitti.rules import SPLITS, KittiRules
+from mottrack.eval.kitti.boxes import read_boxes
+from mottrack.eval.kitti.levels import KittiMetrics, count, evaluate, thresholds
+from mottrack.eval.kitti.matching import SPLITS, KittiRules, match, prepare
 
 PUBLISHED = {
     "Car": "93.28 45.43 77.41 86.24 78.43 0 15 365 788",
@@ -110,7 +108,7 @@ def test_thresholds_take_the_score_nearest_to_each_level() -> None:
     assert thresholds(np.zeros(0), 5, 40) == []
 
 
-def test_image_overlap_and_faults(tmp_path: Path) -> None:
+def test_image_overlap_and_malformed_input(tmp_path: Path) -> None:
     (tmp_path / "l").mkdir()
     write(tmp_path / "l/0001.txt", line(0, 0, 0.0))
     folders = files.Folders(tmp_path / "l", tmp_path / "l", ("0001",))

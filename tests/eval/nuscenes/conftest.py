@@ -81,8 +81,7 @@ def random_problem(
             (scene * frames + f, identity[f], label, *centre[f] + rng.normal(0, 0.6, 3), score)
             for f in seen
         ]
-    racks = Racks(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
-    return GroundTruth(samples, _table(truth, 5), racks), _table(tracks, -1)
+    return GroundTruth(samples, _table(truth, 5), Racks.none()), _table(tracks, -1)
 
 
 def _table(rows: list[tuple[float, ...]], points: int) -> BoxTable:

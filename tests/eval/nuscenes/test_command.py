@@ -1,4 +1,4 @@
-"""`mottrack eval nuscenes` from the outside: its files, its tables, its complaints."""
+"""`mottrack eval nuscenes`: its files, its tables, its warnings."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mottrack.cli import app
-from mottrack.eval.nuscenes.validation import SubmissionError
+from mottrack.eval.nuscenes.submission import SubmissionError
 
 
 def run(case: Any, out: Path, *more: str) -> str:
@@ -19,20 +19,19 @@ def run(case: Any, out: Path, *more: str) -> str:
     return result.output
 
 
-def test_everything_that_can_be_asked_for(golden: dict[str, Any], tmp_path: Path) -> None:
+def test_all_options_write_their_files_and_tables(golden: dict[str, Any], tmp_path: Path) -> None:
     case = golden["base_s11_n3"]
     other = ["--compare", str(case.data / "submission.json")]
-    output = run(case, tmp_path, "--hota", "--anatomy", "--bootstrap", "5", *other)
+    output = run(case, tmp_path, "--hota", "--error-classes", "--bootstrap", "5", *other)
     assert "0.595" in output.splitlines()[10]
-    for text in ("interpolation of gaps: official", "re-identification", "idf1", "95 % intervals"):
+    for text in ("interpolation of gaps: official", "re-identification", "idf1", "95% intervals"):
         assert text in output
     names = {path.name for path in tmp_path.iterdir()}
-    assert {
-        "metrics_summary.json",
-        "metrics_details.json",
-        "metrics.csv",
-        "recall_curves.png",
-    } <= names
+    files = "metrics_summary.json metrics_details.json metrics.csv recall_curves.png hota.json "
+    files += "error_classes.json bootstrap.json comparison.json"
+    assert set(files.split()) <= names
+    same = json.loads((tmp_path / "comparison.json").read_text())["differences"]["all"]["amota"]
+    assert (same["low"], same["high"], same["significant"], same["scenes"]) == (0, 0, False, 3)
     for name in names:
         if name.endswith(".json") and name not in ("metrics_summary.json", "metrics_details.json"):
             json.loads((tmp_path / name).read_text(), parse_constant=pytest.fail)

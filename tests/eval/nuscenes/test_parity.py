@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from mottrack.eval.nuscenes import submission_run
+from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.outputs import details_json, summary_json
 from mottrack.eval.nuscenes.rules import Rules
 
@@ -42,10 +42,10 @@ def assert_same(ours: Any, official: Any, where: str, tolerance: float) -> None:
 @pytest.mark.parametrize("name", SETS)
 def test_every_value_equals_the_official_one(golden: dict[str, Any], name: str) -> None:
     case = golden[name]
-    request = submission_run.Request(
+    request = command.Request(
         case.data, "v1.0-trainval", str(case.scenes), case.data / "submission.json"
     )
-    evaluation = submission_run.run(request)
+    evaluation = command.run(request)
     meta = evaluation.submission.meta
     summary = json.loads((case.official / "metrics_summary.json").read_text())
     details = json.loads((case.official / "metrics_details.json").read_text())
@@ -62,15 +62,15 @@ def test_right_interpolation_is_a_switch_and_is_named(
     case = golden["base_s11_n3"]
     results = {}
     for choice in ("official", "fixed"):
-        request = submission_run.Request(
+        request = command.Request(
             case.data,
             "v1.0-trainval",
             str(case.scenes),
             case.data / "submission.json",
             Rules(interpolation=choice),  # type: ignore[arg-type]
         )
-        evaluation = submission_run.run(request)
-        submission_run.write(evaluation, tmp_path / choice)
+        evaluation = command.run(request)
+        command.write(evaluation, tmp_path / choice)
         results[choice] = evaluation.metrics.total["amota"]
         for path in (tmp_path / choice).iterdir():
             assert choice in path.read_text(), path

@@ -1,4 +1,4 @@
-"""A submission with everything wrong: all of it is told at once, with its place."""
+"""Problems of a submission: all are reported at once, each with its place."""
 
 import json
 from collections.abc import Callable
@@ -8,14 +8,15 @@ from typing import Any
 import pytest
 
 from mottrack.core.errors import DataError
-from mottrack.eval.nuscenes import submission_run
+from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.boxes import Samples
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.nuscenes.submission import Submission, read_submission
-from mottrack.eval.nuscenes.validation import (
+from mottrack.eval.nuscenes.submission import (
     Problem,
+    Submission,
     SubmissionError,
     is_clean,
+    read_submission,
     require_valid,
     validate,
 )
@@ -71,7 +72,7 @@ def test_a_good_submission_has_no_problem(samples: Samples) -> None:
         ({"sample_token": "other"}, "sample_token", "warning"),
     ],
 )
-def test_each_fault_of_a_box_is_told_with_its_place(
+def test_each_problem_of_a_box_is_reported_with_its_place(
     samples: Samples, changes: dict[str, Any], field: str, severity: str
 ) -> None:
     results = {token: [box(token)] for token in samples.token.tolist()}
@@ -83,20 +84,20 @@ def test_each_fault_of_a_box_is_told_with_its_place(
     assert str(found).startswith(f"{severity}: s.json: sample t1, box 1: {field}: ")
 
 
-def test_faults_of_samples_and_tracks_are_told_together(samples: Samples) -> None:
+def test_problems_of_samples_and_tracks_are_reported_together(samples: Samples) -> None:
     results = {
         "t0": [box("t0"), box("t0")],
         "t1": [box("t1", tracking_name="truck")]
         + [box("t1", tracking_id=str(k)) for k in range(2, 503)],
         "elsewhere": [],
     }
-    told = [(p.severity, p.field, p.message) for p in problems(samples, results)]
-    assert ("error", "results", "sample of scene-0000 is missing") in told
-    assert ("error", "results", "sample is not in the split") in told
-    assert ("error", "results", "502 boxes, at most 500 are allowed") in told
-    assert ("warning", "tracking_id", "'1' is twice in the sample") in told
-    assert ("warning", "tracking_name", "track '1' changes from 'car' to 'truck'") in told
-    assert [severity for severity, *_ in told] == sorted(s for s, *_ in told)
+    found = [(p.severity, p.field, p.message) for p in problems(samples, results)]
+    assert ("error", "results", "sample of scene-0000 is missing") in found
+    assert ("error", "results", "sample is not in the split") in found
+    assert ("error", "results", "502 boxes, at most 500 are allowed") in found
+    assert ("warning", "tracking_id", "'1' is twice in the sample") in found
+    assert ("warning", "tracking_name", "track '1' changes from 'car' to 'truck'") in found
+    assert [severity for severity, *_ in found] == sorted(s for s, *_ in found)
 
 
 def test_boxes_in_the_frame_of_the_vehicle_are_recognised(samples: Samples) -> None:
@@ -134,30 +135,30 @@ def test_extra_samples_are_traced_to_their_split(golden: dict[str, Any], tmp_pat
     case = golden["base_s11_n3"]
     scenes = case.scenes.read_text().split()
     (tmp_path / "two.txt").write_text("# two of three\n" + "\n".join(scenes[:2]))
-    request = submission_run.Request(
+    request = command.Request(
         case.data, "v1.0-trainval", str(tmp_path / "two.txt"), case.data / "submission.json"
     )
     with pytest.raises(SubmissionError, match=r"40 samples are not in split .*: 40 belong to val"):
-        submission_run.run(request)
+        command.run(request)
 
 
 def test_cache_is_used_until_a_table_changes(golden: dict[str, Any], private_cache: Path) -> None:
     case = golden["perfect_s16_n2"]
-    request = submission_run.Request(
+    request = command.Request(
         case.data, "v1.0-trainval", str(case.scenes), case.data / "submission.json"
     )
-    first = submission_run.ground_truth(request)
+    first = command.ground_truth(request)
     (file,) = private_cache.iterdir()
     made = file.stat().st_mtime_ns
-    again = submission_run.ground_truth(request)
+    again = command.ground_truth(request)
     assert file.stat().st_mtime_ns == made
     assert (again.boxes.centre_m == first.boxes.centre_m).all()
     table = case.data / "v1.0-trainval/sample_annotation.json"
     rows = json.loads(table.read_text())
     table.write_text(json.dumps(rows[:200]))
     try:
-        assert 0 < len(submission_run.ground_truth(request).boxes) <= 200
+        assert 0 < len(command.ground_truth(request).boxes) <= 200
     finally:
         table.write_text(json.dumps(rows))
     file.write_bytes(b"damaged")
-    assert len(submission_run.ground_truth(request).boxes) == len(first.boxes)
+    assert len(command.ground_truth(request).boxes) == len(first.boxes)

@@ -1,4 +1,4 @@
-// A chart of curves: axes, grid, one line a run, and the values under the pointer.
+// Line chart: axes, grid, a line per run, values at the pointer.
 const WIDTH = 440, HEIGHT = 250, LEFT = 44, RIGHT = 12, TOP = 10, BOTTOM = 34;
 
 function svg(name, attributes = {}, text = null) {
@@ -78,7 +78,7 @@ function followPointer(figure, drawing, { x, xEnd, series, xLabel, read }) {
   });
 }
 
-// Between two points the straight line; null outside what was measured.
+// Linear interpolation; null outside the measured range.
 function valueAt(points, at) {
   const next = points.findIndex(([a]) => a >= at);
   if (next < 0 || (next === 0 && points[0][0] > at + 1e-9)) return null;

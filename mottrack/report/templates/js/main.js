@@ -7,6 +7,6 @@ if (document.getElementById("player")) {
   const wheel = document.getElementById("wheel");
   theme.listeners.push(() => drawWheel(wheel));
   drawWheel(wheel);
-  if (typeof DecompressionStream === "undefined") document.getElementById("player").replaceChildren("This browser is too old to unpack the scenes.");
-  else new Player(data.films);
+  if (typeof DecompressionStream === "undefined") document.getElementById("player").replaceChildren("This browser does not support DecompressionStream, which the scenes need.");
+  else new Player(data.scenes);
 }

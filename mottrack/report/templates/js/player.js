@@ -1,9 +1,9 @@
-// Plays the key frames of a scene, of one run or of two side by side.
+// Plays the key frames of a scene for one run, or for two side by side.
 const NONE = "none";
 
 class Player {
-  constructor(films) {
-    this.films = films;
+  constructor(scenes) {
+    this.scenes = scenes;
     this.by = Object.fromEntries(["scene", "run-0", "run-1", "slider", "play", "frame-label", "speed", "views"].map((id) => [id, document.getElementById(id)]));
     this.canvases = [0, 1].map((k) => document.getElementById(`view-${k}`));
     this.panes = [null, null];
@@ -12,14 +12,14 @@ class Player {
     this.timer = null;
     this.layers = Object.fromEntries(LAYERS.map(({ key, on }) => [key, on]));
     this.errors = new ErrorPanel({ onChoose: (error) => this.visit(error), onFilter: () => this.show(this.frame) });
-    this.by.scene.append(...films.map(({ name }, k) => new Option(name, k)));
+    this.by.scene.append(...scenes.map(({ name }, k) => new Option(name, k)));
     this.fillLayers();
     this.fillRuns();
     this.listen();
     this.load();
   }
 
-  get film() { return this.panes[0]; }
+  get recording() { return this.panes[0]; }
 
   fillLayers() {
     const holder = document.getElementById("layers");
@@ -35,11 +35,11 @@ class Player {
   }
 
   fillRuns() {
-    const runs = this.films[this.by.scene.value].runs;
+    const runs = this.scenes[this.by.scene.value].runs;
     const before = [this.by["run-0"].value, this.by["run-1"].value];
     const options = () => runs.map(({ index, title }) => new Option(title, index));
     this.by["run-0"].replaceChildren(...options());
-    this.by["run-1"].replaceChildren(new Option("nothing", NONE), ...options());
+    this.by["run-1"].replaceChildren(new Option("none", NONE), ...options());
     this.by["run-0"].value = (runs.find(({ flows }) => flows) ?? runs[0]).index;
     this.by["run-1"].value = NONE;
     before.forEach((value, k) => {
@@ -52,7 +52,7 @@ class Player {
     this.pause();
     const scene = this.by.scene.value;
     const wanted = [0, 1].map((k) => this.by[`run-${k}`].value);
-    const [first, second] = await Promise.all(wanted.map((run) => (run === NONE ? null : Film.load(scene, run))));
+    const [first, second] = await Promise.all(wanted.map((run) => (run === NONE ? null : Recording.load(scene, run))));
     if (scene !== this.by.scene.value || wanted.some((run, k) => run !== this.by[`run-${k}`].value)) return;
     this.panes = [first, second];
     document.getElementById("pane-1").hidden = second === null;
@@ -73,42 +73,42 @@ class Player {
 
   show(frame) {
     this.frame = frame;
-    const { seconds, frames, all_frames } = this.film.stage;
+    const { seconds, frames, all_frames } = this.recording.shared;
     const left = all_frames > frames ? ` (of ${all_frames})` : "";
     const text = `frame ${frame + 1} / ${frames}${left} · ${seconds[frame].toFixed(1)} s`;
     this.by["frame-label"].textContent = text;
     this.by.slider.value = frame;
     this.by.slider.setAttribute("aria-valuetext", text);
-    this.errors.show(this.film, frame, this.by["run-0"].selectedOptions[0].textContent);
+    this.errors.show(this.recording, frame, this.by["run-0"].selectedOptions[0].textContent);
     for (const k of [0, 1]) document.getElementById(`facts-${k}`).textContent = "";
     this.draw();
   }
 
   draw() {
-    this.panes.forEach((film, k) => {
-      if (!film) return;
-      const frame = Math.min(this.frame, film.frames - 1);
-      new Picture(this.canvases[k], film, frame, this.view).paint(this.layers, this.errors);
+    this.panes.forEach((recording, k) => {
+      if (!recording) return;
+      const frame = Math.min(this.frame, recording.frames - 1);
+      new BevView(this.canvases[k], recording, frame, this.view).paint(this.layers, this.errors);
     });
   }
 
   move(frames) {
     this.pause();
-    this.show(Math.max(0, Math.min(this.film.frames - 1, this.frame + frames)));
+    this.show(Math.max(0, Math.min(this.recording.frames - 1, this.frame + frames)));
   }
 
   toggle() { this.timer === null ? this.play() : this.pause(); }
 
   play() {
-    if (this.frame >= this.film.frames - 1) this.show(0);
+    if (this.frame >= this.recording.frames - 1) this.show(0);
     this.by.play.textContent = "❚❚";
     this.by.play.setAttribute("aria-label", "Pause");
     this.waitForNext();
   }
 
   waitForNext() {
-    const { seconds } = this.film.stage;
-    if (this.frame >= this.film.frames - 1) { this.pause(); return; }
+    const { seconds } = this.recording.shared;
+    if (this.frame >= this.recording.frames - 1) { this.pause(); return; }
     const wait = (seconds[this.frame + 1] - seconds[this.frame]) / Number(this.by.speed.value);
     this.timer = setTimeout(() => { this.show(this.frame + 1); this.waitForNext(); }, 1000 * wait);
   }
@@ -120,14 +120,14 @@ class Player {
     this.by.play.setAttribute("aria-label", "Play");
   }
 
-  // Shows an error: its frame, and the place if it is out of sight.
+  // Shows an error: its frame, and its place if that is outside the view.
   visit(error) {
     this.pause();
-    const picture = new Picture(this.canvases[0], this.film, error.frame, this.view);
-    const [x, y] = picture.world(error.x, error.y);
+    const bev = new BevView(this.canvases[0], this.recording, error.frame, this.view);
+    const [x, y] = bev.world(error.x, error.y);
     const margin = 30;
-    const hidden = x < margin || y < margin || x > picture.width - margin || y > picture.height - margin;
-    if (hidden) [this.view.x, this.view.y] = picture.ego(error.x, error.y);
+    const hidden = x < margin || y < margin || x > bev.width - margin || y > bev.height - margin;
+    if (hidden) [this.view.x, this.view.y] = bev.ego(error.x, error.y);
     this.show(error.frame);
   }
 
@@ -177,7 +177,7 @@ class Player {
     for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
     canvas.addEventListener("pointermove", (event) => {
       const before = pointers.get(event.pointerId);
-      if (!before) { this.tell(canvas, k, event); return; }
+      if (!before) { this.describe(canvas, k, event); return; }
       this.drag(canvas, pointers, event, before);
       pointers.set(event.pointerId, event);
     });
@@ -202,18 +202,18 @@ class Player {
     this.zoom(apart(event) / Math.max(apart(before), 1));
   }
 
-  // What is known about the box under the pointer.
-  tell(canvas, k, event) {
-    const film = this.panes[k], box = canvas.getBoundingClientRect();
-    const picture = new Picture(canvas, film, Math.min(this.frame, film.frames - 1), this.view);
+  // Shows label, score and speed of the boxes under the pointer.
+  describe(canvas, k, event) {
+    const recording = this.panes[k], box = canvas.getBoundingClientRect();
+    const bev = new BevView(canvas, recording, Math.min(this.frame, recording.frames - 1), this.view);
     const at = [event.clientX - box.left, event.clientY - box.top];
-    const near = (name) => nearest(film.boxes(name, picture.frame), (b) => picture.world(b.x, b.y), at);
+    const near = (name) => nearest(recording.boxes(name, bev.frame), (b) => bev.world(b.x, b.y), at);
     const lines = [
       this.layers.tracks && words("track", near("tracks")),
       this.layers.truth && words("truth", near("truth")),
       this.layers.objects && words("detection", near("objects")),
     ];
-    picture.paint(this.layers, this.errors);
+    bev.paint(this.layers, this.errors);
     document.getElementById(`facts-${k}`).textContent = lines.filter(Boolean).join("\n");
   }
 }
@@ -233,5 +233,5 @@ function words(name, box) {
   const id = box.id === undefined ? "" : ` ${box.id}`;
   const score = box.score === undefined ? "" : `, score ${box.score.toFixed(2)}`;
   const speed = box.vx === null ? "" : `, ${Math.hypot(box.vx, box.vy).toFixed(1)} m/s`;
-  return `${name}${id} ${box.label}${score}${speed}${box.coasting ? ", not seen" : ""}`;
+  return `${name}${id} ${box.label}${score}${speed}${box.coasting ? ", not observed" : ""}`;
 }

@@ -1,4 +1,4 @@
-// Recall curves, distributions of velocity error, kinds of errors.
+// Recall curves, distributions of velocity error, error types.
 const PANELS = [
   { key: "mota", title: "MOTA" },
   { key: "precision", title: "precision" },
@@ -10,14 +10,14 @@ const FAMILIES = [
   { name: "false positives", colour: "fp", kinds: ["duplicate", "wrong class", "near miss", "background"] },
   { name: "identity switches", colour: "switch", kinds: ["swap", "take-over", "re-identification"] },
 ];
-const MOST_DISTRIBUTIONS = 6;
+const MAX_DISTRIBUTIONS = 6; // the velocity categories without those by class
 
 class Plots {
   constructor(runs) {
     this.runs = runs.map((run, index) => ({ ...run, index }));
     this.hidden = new Set();
     this.curveClass = chooser("curve-class", this.classes("curves"), () => this.drawCurves());
-    this.anatomyClass = chooser("anatomy-class", ["all classes", ...this.classes("anatomy")], () => this.drawAnatomy());
+    this.errorClass = chooser("error-class", ["all classes", ...this.classes("error_classes")], () => this.drawErrors());
     for (const holder of document.querySelectorAll("[data-run-switches]")) this.fillSwitches(holder);
     theme.listeners.push(() => this.draw());
     this.draw();
@@ -28,7 +28,7 @@ class Plots {
   classes(part) {
     const names = new Set(this.runs.flatMap((run) => Object.keys(run[part])));
     const boxes = (name) => Math.max(...this.runs.map((run) => run.truth[name] ?? 0));
-    return [...names].sort((a, b) => boxes(b) - boxes(a)); // the one with most truth comes first
+    return [...names].sort((a, b) => boxes(b) - boxes(a)); // the class with most true boxes first
   }
 
   fillSwitches(holder) {
@@ -51,7 +51,7 @@ class Plots {
     }
     this.drawCurves();
     this.drawDistributions();
-    this.drawAnatomy();
+    this.drawErrors();
   }
 
   line(run, points) {
@@ -64,12 +64,12 @@ class Plots {
     holder.replaceChildren(...PANELS.map(({ key, title, unit }) => {
       const series = this.shown.filter((run) => run.curves[this.curveClass.value]).map((run) => {
         const curve = run.curves[this.curveClass.value];
-        const points = curve.asked.map((x, k) => [x, curve[key][k]]).filter(([, y]) => y !== null);
+        const points = curve.requested.map((x, k) => [x, curve[key][k]]).filter(([, y]) => y !== null);
         return this.line(run, points);
       });
       const top = Math.max(...series.flatMap((s) => s.points.map(([, y]) => y)), 1e-3);
       const yEnd = key === "mota" || key === "precision" ? 1 : top * 1.08;
-      return lineChart({ title, unit, xLabel: "recall asked for", xEnd: 1, yEnd, series, read: number });
+      return lineChart({ title, unit, xLabel: "requested recall", xEnd: 1, yEnd, series, read: number });
     }));
   }
 
@@ -77,16 +77,16 @@ class Plots {
     const holder = document.getElementById("distributions");
     if (!holder) return;
     const names = [...new Set(this.runs.flatMap((run) => Object.keys(run.velocity)))];
-    holder.replaceChildren(...names.slice(0, MOST_DISTRIBUTIONS).map((name) => {
+    holder.replaceChildren(...names.slice(0, MAX_DISTRIBUTIONS).map((name) => {
       const have = this.shown.filter((run) => run.velocity[name]);
-      const xEnd = Math.max(...have.map((run) => run.velocity[name][90]), 0.5);
+      const xEnd = Math.max(...have.map((run) => run.velocity[name][90]), 0.5); // up to the 90th percentile
       const series = have.map((run) => this.line(run, run.velocity[name].map((error, k) => [error, k / 100])));
       return lineChart({ title: name, xLabel: "velocity error, m/s", xEnd, yEnd: 1, series, read: share });
     }));
   }
 
-  drawAnatomy() {
-    const holder = document.getElementById("anatomy-plots");
+  drawErrors() {
+    const holder = document.getElementById("error-plots");
     if (!holder) return;
     holder.replaceChildren(...FAMILIES.map((family) => this.family(family)));
   }
@@ -118,8 +118,8 @@ class Plots {
   }
 
   count(run, kind) {
-    const wanted = this.anatomyClass.value;
-    const parts = wanted === "all classes" ? Object.values(run.anatomy) : [run.anatomy[wanted] ?? {}];
+    const wanted = this.errorClass.value;
+    const parts = wanted === "all classes" ? Object.values(run.error_classes) : [run.error_classes[wanted] ?? {}];
     return parts.reduce((sum, part) => sum + (part[kind] ?? 0), 0);
   }
 }

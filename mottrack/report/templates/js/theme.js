@@ -1,4 +1,4 @@
-// Light or dark: what the reader chose last, else what the system wishes.
+// Light or dark: the reader's last choice, else the system preference.
 const theme = {
   listeners: [],
   get dark() { return document.documentElement.dataset.theme === "dark"; },
@@ -7,11 +7,11 @@ const theme = {
     for (const listener of this.listeners) listener();
   },
   start() {
-    const wish = matchMedia("(prefers-color-scheme: dark)");
+    const system = matchMedia("(prefers-color-scheme: dark)");
     const remembered = recall("mottrack-theme");
-    this.set(remembered ?? (wish.matches ? "dark" : "light"));
-    wish.addEventListener("change", () => {
-      if (!recall("mottrack-theme")) this.set(wish.matches ? "dark" : "light");
+    this.set(remembered ?? (system.matches ? "dark" : "light"));
+    system.addEventListener("change", () => {
+      if (!recall("mottrack-theme")) this.set(system.matches ? "dark" : "light");
     });
     let onScreen = null; // paper is white
     addEventListener("beforeprint", () => { onScreen = document.documentElement.dataset.theme; this.set("light"); });
@@ -23,7 +23,7 @@ const theme = {
   },
 };
 
-// A page opened from a file may have no storage; then the choice lasts as long as the page.
+// A page opened from a file may have no storage; the choice then lasts as long as the page.
 const memory = new Map();
 function recall(key) {
   if (memory.has(key)) return memory.get(key);

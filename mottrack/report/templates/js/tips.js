@@ -1,4 +1,4 @@
-// The definition of a term beside it, on hover and on focus.
+// Tooltip with the definition of a term, on hover and on focus.
 function startTips() {
   const tip = document.getElementById("tip");
   const show = (event) => {
@@ -18,7 +18,7 @@ function startTips() {
   document.addEventListener("keydown", (event) => { if (event.key === "Escape") hide(event); });
 }
 
-// The section that is on screen, marked in the bar at the top.
+// Marks the section that is on screen in the navigation bar.
 function startNavigation() {
   const links = [...document.querySelectorAll(".top nav a")];
   const sections = links.map((link) => document.querySelector(link.hash));

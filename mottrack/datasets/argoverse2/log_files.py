@@ -1,0 +1,203 @@
+"""Feather files of an Argoverse 2 log: poses, sweeps, annotations and detections."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from mottrack.core import Pose, Sweep, TruthTable
+from mottrack.core.arrays import F64, I64, Texts
+from mottrack.core.errors import DataError
+from mottrack.datasets.argoverse2.config import Argoverse2Config
+from mottrack.datasets.checks import (
+    check_ego_places,
+    check_interval,
+    check_points,
+    check_rotations,
+    check_sizes,
+)
+from mottrack.datasets.rigid import quaternion_pose, quaternion_yaws
+from mottrack.datasets.scene_boxes import (
+    DetectionTable,
+    centred_velocities,
+    frames_at,
+    to_world,
+    unknown_velocities,
+)
+from mottrack.formats.columns import Columns, ColumnSpec, specs
+from mottrack.formats.feather import read_feather_columns
+
+ROTATION = ("qw", "qx", "qy", "qz")
+TRANSLATION = ("tx_m", "ty_m", "tz_m")
+SIZE = ("length_m", "width_m", "height_m")
+UP_LIDAR = "up_lidar"
+INTENSITY_MAX = 255.0
+"""Argoverse stores the intensity in eight bits."""
+_STAMP = ColumnSpec("timestamp_ns", int)
+_POSE = specs(*ROTATION, *TRANSLATION)
+_CUBOID = (_STAMP, ColumnSpec("category", str), *specs(*SIZE), *_POSE)
+_POINT = (
+    *specs("x", "y", "z", "intensity"),
+    *(ColumnSpec(n, int) for n in ("laser_number", "offset_ns")),
+)
+
+
+def read_poses(path: Path) -> dict[int, Pose]:
+    """Return `world_T_ego` by time in nanoseconds; the world is Argoverse's city frame.
+
+    Raises:
+        DataError: damaged file, a stamp twice, a place far from Earth, or a quaternion that is not
+            a unit one.
+    """
+    table = read_feather_columns(path, (_STAMP, *_POSE))
+    table.refuse_repeated("timestamp_ns", table["timestamp_ns"], "each stamp once")
+    rotation, place = table.stacked(ROTATION), table.stacked(TRANSLATION)
+    return {
+        int(stamp): quaternion_pose(rotation[i], place[i], path, f"pose of row {i}")
+        for i, stamp in enumerate(table["timestamp_ns"])
+    }
+
+
+def read_lidar_origin(path: Path) -> F64:
+    """Return the upper LiDAR's place (3,) in the ego frame from `egovehicle_SE3_sensor.feather`.
+
+    Both LiDARs are stacked on one axis within 30 cm of each other; the upper one stands for both.
+
+    Raises:
+        DataError: damaged file, no such sensor, or a mounting that is not rigid.
+    """
+    table = read_feather_columns(path, (*_POSE, ColumnSpec("sensor_name", str)))
+    rows = np.flatnonzero(table["sensor_name"] == UP_LIDAR)
+    if not rows.size:
+        raise DataError(path, "sensor_name", "others only", UP_LIDAR)
+    rotation, place = table.stacked(ROTATION)[rows[0]], table.stacked(TRANSLATION)[rows[0]]
+    return quaternion_pose(rotation, place, path, f"mounting of {UP_LIDAR}").translation_m
+
+
+def sweep_stamps(folder: Path) -> list[int]:
+    """Return the times in nanoseconds for which there is a sweep, ascending."""
+    return sorted(int(p.stem) for p in folder.glob("*.feather") if p.stem.isdigit())
+
+
+def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: F64) -> Sweep:
+    """Read one sweep: x, y, z in the ego frame, motion-compensated, intensity 0 to 255.
+
+    Raises:
+        DataError: missing or damaged file, no points, a value that is not finite or out of range.
+    """
+    table = read_feather_columns(path, _POINT)
+    xyz_m = table.stacked(("x", "y", "z"))
+    check_points(path, xyz_m)
+    check_interval(path, "intensity", table["intensity"], INTENSITY_MAX)
+    return Sweep(
+        xyz_m=xyz_m.astype(np.float32),
+        reflectance=(table["intensity"] / INTENSITY_MAX).astype(np.float32),
+        stamp_ns=stamp_ns,
+        world_T_ego=world_T_ego,
+        origin_m=origin_m,
+        time_offset_ns=table["offset_ns"],
+        ring=table["laser_number"].astype(np.int16),
+    )
+
+
+def annotation_stamps(path: Path) -> I64:
+    """Return the annotated times in nanoseconds, ascending."""
+    return np.unique(read_feather_columns(path, (_STAMP,))["timestamp_ns"])
+
+
+def read_annotations(path: Path, poses: Mapping[int, Pose], config: Argoverse2Config) -> TruthTable:
+    """Return the annotations at the frames in the world.
+
+    Args:
+        path: `annotations.feather`.
+        poses: `world_T_ego` by the stamp of each frame, ascending.
+        config: names the classes.
+
+    Raises:
+        DataError: damaged file, a value out of range, or a track twice at one time.
+    """
+    further = (ColumnSpec("num_interior_pts", int), ColumnSpec("track_uuid", str))
+    table = _at_frames(_checked_cuboids(read_feather_columns(path, (*_CUBOID, *further))), poses)
+    points = table["num_interior_pts"]
+    table.refuse("num_interior_pts", points < 0, "0 or more")
+    identity = np.unique(table["track_uuid"], return_inverse=True)[1].astype(np.int64)
+    keys = np.column_stack([table["frame"], identity])
+    table.refuse_repeated("track_uuid", keys, "each track once a time")
+    centre_m, yaw_rad = _in_world(table, poses)
+    return TruthTable(
+        frame=table["frame"],
+        id=identity,
+        label=_labels(table["category"], config),
+        centre_m=centre_m,
+        size_m=table["size"],
+        yaw_rad=yaw_rad,
+        velocity_mps=centred_velocities(identity, table["timestamp_ns"], centre_m),
+        num_points=points,
+        interpolated=np.zeros(len(table), dtype=bool),
+    )
+
+
+def read_log_detections(
+    path: Path, log: str, poses: Mapping[int, Pose], config: Argoverse2Config
+) -> DetectionTable | None:
+    """Return the detections of a log in the world; None if the file has none of this log.
+
+    The columns are those of an Argoverse 2 detection submission, cuboids in the ego frame.
+
+    Raises:
+        DataError: damaged file, a value out of range, or no time that is a frame's.
+    """
+    further = (ColumnSpec("score"), ColumnSpec("log_id", str))
+    table = read_feather_columns(path, (*_CUBOID, *further))
+    table = table.select(table["log_id"] == log)
+    if not len(table):
+        return None
+    first_ns = table["timestamp_ns"][0]
+    table = _at_frames(_checked_cuboids(table), poses)
+    if not len(table) and config.frames is None:
+        expected = "a frame's, as no other is either"
+        raise DataError(path, f"timestamp_ns of {log}", first_ns, expected)
+    centre_m, yaw_rad = _in_world(table, poses)
+    return DetectionTable(
+        frame=table["frame"],
+        label=_labels(table["category"], config),
+        score=table["score"],
+        centre_m=centre_m,
+        size_m=table["size"],
+        yaw_rad=yaw_rad,
+        velocity_mps=unknown_velocities(len(table)),
+    )
+
+
+def _checked_cuboids(table: Columns) -> Columns:
+    """Return the rows with size (N, 3), rotation (N, 4) and translation (N, 3), all in range."""
+    table = table.extended(
+        size=table.stacked(SIZE),
+        rotation=table.stacked(ROTATION),
+        translation=table.stacked(TRANSLATION),
+    )
+    check_sizes(table, "size")
+    check_rotations(table)
+    check_ego_places(table, "translation")
+    table.refuse("category", table["category"] == "", "a name")
+    return table
+
+
+def _at_frames(table: Columns, poses: Mapping[int, Pose]) -> Columns:
+    """Return the rows whose time is that of a frame, sorted by frame, with its index."""
+    frame = frames_at(table["timestamp_ns"], list(poses))
+    rows = np.flatnonzero(frame >= 0)
+    order = rows[np.argsort(frame[rows], kind="stable")]
+    return table.select(order).extended(frame=frame[order])
+
+
+def _in_world(table: Columns, poses: Mapping[int, Pose]) -> tuple[F64, F64]:
+    yaw_rad = quaternion_yaws(table["rotation"])
+    return to_world(table["translation"], yaw_rad, table["frame"], list(poses.values()))
+
+
+def _labels(category: Texts, config: Argoverse2Config) -> Texts:
+    names = [config.class_map.get(str(c), str(c).lower()) for c in category]
+    return np.array(names, dtype=np.str_)

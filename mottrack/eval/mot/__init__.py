@@ -1,1 +1,0 @@
-"""CLEAR, IDF1 and HOTA on MOTChallenge text files."""
