@@ -3,7 +3,7 @@
 A box is a row (x, y, z, l, w, h, yaw): centre and extents in metres, heading in radians about +z,
 both sets in one frame. Every function raises InputError for other shapes, for numbers that are not
 finite and for negative extents. Compiled, because association and evaluation call them for every
-frame: 3 (IoU) to 80 times (listed pairs) as fast as shapely (`benchmarks/polygons.py`).
+frame: 3 (IoU) to 70 times (listed pairs) as fast as shapely (`benchmarks/polygons.py`).
 """
 
 from __future__ import annotations

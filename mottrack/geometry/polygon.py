@@ -1,6 +1,6 @@
 """Convex polygons in the plane: area, clipping and hull, compiled.
 
-Beside shapely's vectorised functions (`benchmarks/polygons.py`) clipping of listed pairs is 80
+Beside shapely's vectorised functions (`benchmarks/polygons.py`) clipping of listed pairs is 70
 times as fast, and hulls four times; where single polygons are compared, use shapely.
 """
 
