@@ -2,13 +2,13 @@
 
     python benchmarks/polygons.py [--json FILE] [--quick]
 
-Every row is one call as it is made in use: hulls and their smallest rectangles of the clusters of
-a sweep, overlap of all pairs of a frame's boxes (association) and of the listed pairs of close
-boxes (non-maximum suppression). The results are compared first, and the script ends with an error
-where they differ. CPU milliseconds on one core, minimum of the repetitions; the conversion to
-shapely's geometries is part of its time. Where it was measured to be fast enough (the overlap of
-one hull with a few boxes, in the evaluation: two thirds of the time of compiled clipping), shapely
-itself is used.
+Every row is one call as it is made in use: overlap of two sets of hulls and the joining of two
+pieces (merge and split of the fixed-lag tracker), hulls and their smallest rectangles of the
+clusters of a sweep, overlap of all pairs of a frame's boxes (association) and of the listed pairs
+of close boxes (non-maximum suppression). The results are compared first, and the script ends with
+an error where they differ. CPU milliseconds on one core, minimum of the repetitions; the conversion
+to shapely's geometries is part of its time. Where shapely was measured to be fast enough (the
+overlap of single hulls with a few boxes, in the evaluation), it is used and has no row here.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from mottrack.geometry.hulls import hulls_of_groups
 from mottrack.geometry.iou import bev_corners, bev_iou, bev_iou_of_pairs, giou_bev
 from mottrack.geometry.rectangles import rectangle_iou
+from mottrack.trackers.fixed_lag.merge_split import HullList, flat, overlaps
 
 Array = NDArray[Any]
 
@@ -102,6 +103,24 @@ def upright_by_shapely(a: Array, b: Array) -> Array:
     return ratio
 
 
+def hulls(count: int, seed: int) -> HullList:
+    """Hulls of 24 points each on objects of 4 m by 2 m, at a constant density."""
+    rng = np.random.default_rng(seed)
+    places = np.random.default_rng(0).uniform(0.0, 5.0 * np.sqrt(count), (count, 1, 2))
+    points = rng.uniform([-2.0, -1.0], [2.0, 1.0], (count, 24, 2))
+    angle = rng.uniform(-np.pi, np.pi, count)
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    moved = np.einsum("ijn,nkj->nki", rotation, points) + places
+    return flat(list(hulls_of_groups(moved.reshape(-1, 2), np.arange(count + 1) * 24).polygons()))
+
+
+def overlaps_by_shapely(one: HullList, other: HullList) -> float:
+    """Total shared area, by a tree of bounds."""
+    a, b = (np.array([shapely.Polygon(p) for p in each.polygons()]) for each in (one, other))
+    i, j = shapely.STRtree(b).query(a, predicate="intersects")
+    return float(shapely.area(shapely.intersection(a[i], b[j])).sum())
+
+
 def fastest_ms(work: Callable[[], Any], repeat: int) -> float:
     best = np.inf
     for _ in range(repeat):
@@ -123,7 +142,24 @@ def cases(quick: bool) -> list[tuple[str, Callable[[], Any], Callable[[], Any], 
     pairs = np.nonzero(np.triu(distance < 3.0, 1))
     one, start = groups(20 if quick else 80, 5_000 if quick else 50_000)
     upright = [np.column_stack([x[:, :2], x[:, :2] + x[:, 3:5]]) for x in (a, b)]
+    sets = [(hulls(count, 1), hulls(count, 2)) for count in ((60,) if quick else (60, 300, 1000))]
+    pieces = np.concatenate(hulls(2, 1).polygons())
     return [
+        *(
+            (
+                f"overlap of 2 x {len(first.polygons())} hulls",
+                lambda first=first, other=other: overlaps(first, other).area_m2.sum(),
+                lambda first=first, other=other: overlaps_by_shapely(first, other),
+                close,
+            )
+            for first, other in sets
+        ),
+        (
+            "join two pieces",
+            lambda: hulls_of_groups(pieces, np.array([0, len(pieces)])),
+            lambda: hulls_by_shapely(pieces, np.array([0, len(pieces)])),
+            check_hulls,
+        ),
         (
             f"hulls, {len(start) - 1} groups of {start[-1]} points",
             lambda: hulls_of_groups(one, start),

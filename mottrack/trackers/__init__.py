@@ -1,7 +1,7 @@
-"""Trackers: Kalman banks on detections, fixed-lag smoothing on clusters.
+"""Trackers: Kalman filter banks on detections, fixed-lag smoothing on clusters.
 
 TRACKERS names every tracker that a configuration can ask for. The fixed-lag tracker is imported
-when it is asked for, since it brings libraries of its own.
+only when it is asked for, since it needs GTSAM.
 """
 
 from mottrack.trackers.kalman import KalmanTracker
