@@ -18,8 +18,7 @@ from mottrack.core import Frame, Objects
 from mottrack.datasets.synthetic.config import SyntheticConfig
 from mottrack.datasets.synthetic.dataset import SyntheticDataset
 from mottrack.geometry.iou import bev_corners, boxes7
-from mottrack.objects.clusters import ClustersConfig, ClusterSource
-from mottrack.objects.reference import ReferenceConfig
+from mottrack.objects.clusters import ClustersConfig, ClusterSource, ReferenceConfig
 
 RULES = ("hull_centroid", "rectangle_centre", "nearest_corner", "cell_mean")
 

@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from mottrack.core import Frame, Pose, Sweep
 from mottrack.geometry.hulls import hulls_of_groups
 from mottrack.lidar.terrain import Terrain
-from mottrack.objects.cluster_points import ClusterPoints, group_points, kept_points
+from mottrack.objects.cluster_points import ClusterPoints, PointLimits, group_points, kept_points
 from mottrack.objects.clustering import component_labels, split_large
 from mottrack.objects.clusters import ClusterSource
 from mottrack.trackers.fixed_lag import FixedLagTracker
 
 T = TypeVar("T")
 CELLS, CELL_M = 566, 0.25
-LIMITS = (0.3, 2.0, 2.5, 50.0, CELL_M)
+LIMITS = PointLimits(0.3, 2.0, 2.5, 50.0, CELL_M)
 
 
 def street(points: int, frames: int, seed: int = 0) -> list[Sweep]:

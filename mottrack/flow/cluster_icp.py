@@ -15,6 +15,7 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F32, I64
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import REGISTRATION_ERRORS
@@ -41,12 +42,10 @@ class ClusterIcpConfig(StrictModel):
     far_m: float = Field(25.0, ge=0, description="beyond, cells are linked across an empty one")
 
 
-class ClusterIcpFlow:
+class ClusterIcpFlow(FlowSourceBase):
     """Velocity of each connected component by registration from many starts."""
 
     Config = ClusterIcpConfig
-    stateful = False
-    needs_sweeps = True
     error_model = REGISTRATION_ERRORS
 
     def __init__(

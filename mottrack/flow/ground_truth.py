@@ -11,6 +11,7 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Truth
 from mottrack.core.pose import rotation_2d
@@ -34,7 +35,7 @@ class GroundTruthConfig(StrictModel):
     sigma_mps: float = Field(0.1, gt=0, description="standard deviation of the field's error")
 
 
-class GroundTruthFlow:
+class GroundTruthFlow(FlowSourceBase):
     """Velocity of each labelled object: the difference of its positions over the elapsed time.
 
     "Only labeled dynamic objects can have a valid velocity, and all non-labeled obstacles and
@@ -43,8 +44,6 @@ class GroundTruthFlow:
     """
 
     Config = GroundTruthConfig
-    stateful = False
-    needs_sweeps = True
     error_model = NO_OUTLIERS
 
     def __init__(

@@ -19,6 +19,7 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Boxes
 from mottrack.core.pose import rotation_2d
@@ -76,12 +77,10 @@ class _Measured:
     stamp_ns: int
 
 
-class IcpFlow:
+class IcpFlow(FlowSourceBase):
     """Velocity of each box's points by registration to the previous, ego-aligned sweep."""
 
     Config = IcpConfig
-    stateful = False
-    needs_sweeps = True
     error_model = REGISTRATION_ERRORS
 
     def __init__(self, config: IcpConfig | None = None, *, grid: BevGrid | None = None) -> None:

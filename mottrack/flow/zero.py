@@ -6,6 +6,7 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import NO_OUTLIERS
@@ -18,11 +19,10 @@ class ZeroConfig(StrictModel):
     ground: GroundStage = Field(default_factory=GroundStage)
 
 
-class ZeroFlow:
+class ZeroFlow(FlowSourceBase):
     """Marks the occupied cells and measures no velocity: the tracker runs on positions alone."""
 
     Config = ZeroConfig
-    stateful = False
     needs_sweeps = False
     error_model = NO_OUTLIERS
 
@@ -41,6 +41,3 @@ class ZeroFlow:
         obstacles, _ = obstacle_points(current, self._ground)
         occupied = self.grid.occupancy(obstacles.xyz_m)
         return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
-
-    def reset(self) -> None:
-        """Do nothing: there is no state."""

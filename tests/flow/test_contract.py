@@ -24,7 +24,7 @@ COLUMNS = ("velocity_mps", "covariance_m2ps2", "occupied", "valid", "weight")
 
 @pytest.fixture(scope="module", params=FLOWS)
 def shared_source(request):
-    module, name = FLOWS[request.param].split(":")
+    module, name = FLOWS[request.param].target.split(":")
     try:
         return getattr(import_module(module), name)(grid=GRID)
     except DataError as error:

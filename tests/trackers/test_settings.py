@@ -58,7 +58,7 @@ def test_what_makes_no_sense_is_refused(settings: dict[str, object], words: str)
 def test_names_of_tables_and_engines_are_checked() -> None:
     with pytest.raises(ConfigError, match="chiu2020-megvii"):
         KalmanTracker(Config(noise={"table": "chiu"}))
-    assert TRACKERS["kalman"] == "mottrack.trackers.kalman:KalmanTracker"
+    assert TRACKERS["kalman"].target == "mottrack.trackers.kalman:KalmanTracker"
 
 
 def test_a_track_is_confirmed_after_a_quarter_of_a_second_at_any_rate() -> None:

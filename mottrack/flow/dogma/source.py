@@ -14,6 +14,7 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import Mask
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import FLOW_ERRORS
@@ -49,7 +50,7 @@ class DogmaConfig(StrictModel):
     threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
 
 
-class DogmaFlow:
+class DogmaFlow(FlowSourceBase):
     """Recursive flow, unlike that from two sweeps: a particle filter over a whole scene."""
 
     Config = DogmaConfig
@@ -57,7 +58,6 @@ class DogmaFlow:
     """Its covariance has the relative part in it (`ReadoutConfig.relative`)."""
     stateful = True
     """Each estimate builds on all sweeps before it."""
-    needs_sweeps = True
 
     def __init__(self, config: DogmaConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or DogmaConfig()

@@ -12,6 +12,7 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import Mask
 from mottrack.core.errors import DataError
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import FLOW_ERRORS
@@ -68,15 +69,13 @@ class BinaryOgmConfig(PillarFlowConfig):
     weights: str = Field("binary_ogm", description="shipped weights by name, or a file")
 
 
-class PillarFlow:
+class PillarFlow(FlowSourceBase):
     """Estimates a dense field of velocities with a learned network.
 
     `raw` is the network alone; `estimate` applies the stages before it and, if `refined`, after it.
     """
 
     Config: type[PillarFlowConfig] = PillarFlowConfig
-    stateful = False
-    needs_sweeps = True
     error_model = FLOW_ERRORS
 
     def __init__(
