@@ -11,7 +11,6 @@ import statistics
 import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -117,18 +116,34 @@ def untyped_compiled(function: Function) -> list[str]:
 
 
 def unexplained(text: str, tree: ast.Module) -> list[str]:
-    """Named numeric constants of a module that neither docstring nor comment explains."""
+    """Named numeric constants of a module that neither docstring nor comment explains.
+
+    A docstring explains the constants above it, a comment the whole group: statements that no
+    blank line separates, so that one reason serves several.
+    """
     noted = {line for line, _ in comment_tokens(text)}
     found = []
-    for statement, after in pairwise([*tree.body, ast.Pass()]):
-        names = numeric_names(statement)
-        if not names:
+    for group in groups(tree):
+        if noted & {*range(group[0].lineno - 1, group[-1].end_lineno + 1)}:
             continue
-        explained = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-        lines = range(statement.lineno - 1, statement.end_lineno + 1)
-        if not explained and not noted.intersection(lines):
-            found += names
+        open_names: list[str] = []
+        for statement in group:
+            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+                open_names = []
+            open_names += numeric_names(statement)
+        found += open_names
     return found
+
+
+def groups(tree: ast.Module) -> Iterator[list[ast.stmt]]:
+    """Runs of module-level statements that no blank line separates."""
+    group: list[ast.stmt] = []
+    for statement in tree.body:
+        if group and statement.lineno > group[-1].end_lineno + 1:
+            yield group
+            group = []
+        group.append(statement)
+    yield group
 
 
 def numeric_names(statement: ast.stmt) -> list[str]:

@@ -22,6 +22,7 @@ _LEVEL_BITS = np.uint64(12)
 _LEVEL_MASK = np.uint64(0xFFF)
 """12 bits a number: 64 bits hold five, all that one particle needs, and the tables of 4096 values
 stay in the cache."""
+# centres of the 4096 steps of [0, 1)
 _UNIFORM_STEP = np.float32(1.0 / 4096.0)
 _HALF = np.float32(0.5)
 
