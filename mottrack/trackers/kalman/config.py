@@ -203,6 +203,7 @@ def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
+# settings of the released StanfordIPRL-TRI tracker (Chiu et al., 2020)
 _PUBLISHED: dict[str, Any] = {
     "time": "frames",
     "yaw": "published",

@@ -13,7 +13,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
-from mottrack.geometry.pair_iou import bev_iou_of_pairs
+from mottrack.geometry.iou import bev_iou_of_pairs
 from mottrack.geometry.two_by_two import density_2x2
 from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
