@@ -231,7 +231,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             "estimate_clutter": True,
         },
         "nms": {"enabled": True},
-        "track_management": {"rule": "existence", "max_coast_s": 8.0},
+        "track_management": {"rule": "existence", "max_misses": 5, "max_coast_s": 6.0},
     },
     "stanford_iprl_tri": _PUBLISHED,
     "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"}},

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
+from typing_extensions import override
 
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Mask
@@ -13,6 +14,27 @@ from mottrack.trackers.kalman.track_rows import TrackRows
 
 ROUNDING = 1e-6
 """Added to a quotient of times: 0.3 s are three steps of 0.1 s, whatever the quotient rounds to."""
+
+
+COUNTERS = {
+    "min_hits",
+    "confirm_s",
+    "output_misses",
+    "output_coast_s",
+    "coast_at_most_age",
+    "undetected_classes",
+    "score",
+    "decay_per_s",
+}
+EXISTENCE = {
+    "p_detection",
+    "p_present",
+    "mean_life_s",
+    "min_presence",
+    "misses_per_hit",
+    "prior_misses",
+}
+"""Settings that one rule alone reads."""
 
 
 class TrackManagementConfig(StrictModel):
@@ -56,12 +78,23 @@ class TrackManagementConfig(StrictModel):
     min_presence: float = Field(
         0.01, ge=0, lt=1, description="existence: tracks below it are kept, but not published"
     )
-    min_presence_kept: float = Field(
-        1e-12, ge=0, lt=1, description="existence: tracks below it are deleted"
+    misses_per_hit: float = Field(
+        0.25, ge=0, description="existence: misses beyond max_misses, per detection of the track"
     )
     prior_misses: float = Field(
         1.0, ge=0, description="existence: the score counts h hits as h / (h + prior_misses)"
     )
+
+    @model_validator(mode="after")
+    def _check_rule(self) -> Self:
+        """Refuse settings of the rule that is not chosen: they would do nothing."""
+        other = COUNTERS if self.rule == "existence" else EXISTENCE
+        fields = type(self).model_fields
+        for name in sorted(other):
+            if getattr(self, name) != fields[name].default:
+                rule = "counters" if self.rule == "existence" else "existence"
+                raise ValueError(f"{name} needs rule: {rule}, the rule is {self.rule}")
+        return self
 
 
 class TrackManagement:
@@ -154,10 +187,12 @@ class ExistenceManagement(TrackManagement):
     as in the Bernoulli filter (Vo, Vo, Mahler, 2013). The published score is the last detection's
     times r times h / (h + prior_misses), h being the number of detections: the posterior mean of a
     track's detection rate, so that tracks of one detection rank below longer ones, and coasted
-    boxes below detected ones. Tracks are kept for `max_coast_s` however improbable: a detection
-    where the object is expected takes them up again under the same id.
+    boxes below detected ones. A track is kept, unpublished, for `max_misses` steps and
+    `misses_per_hit` more for each of its detections, `max_coast_s` at most: a detection where the
+    object is expected then takes it up again under the same id.
     """
 
+    @override
     def begin(self, tracks: TrackRows, present: I64, classes: int, elapsed_s: float) -> None:
         """Begin a step: every track is missed, until a detection makes it present."""
         config = self._config
@@ -167,23 +202,23 @@ class ExistenceManagement(TrackManagement):
         missed = presence * (1.0 - config.p_detection)
         tracks.presence[:] = missed / (missed + 1.0 - presence)
 
+    @override
     def is_published(self, tracks: TrackRows, present: I64, stamp_ns: int) -> Mask:
         """Return which tracks are published: their objects are probable enough to be there."""
-        self._detected(tracks)
+        tracks.presence[tracks.misses == 0] = self._config.p_present
         return tracks.presence >= self._config.min_presence
 
+    @override
     def alive(self, tracks: TrackRows, stamp_ns: int) -> Mask:
         """Return which tracks live on into the next step."""
-        kept = tracks.presence >= self._config.min_presence_kept
-        return kept & self._within(tracks, stamp_ns, self._config.max_coast_s)
+        allowed = self._config.max_misses + self._config.misses_per_hit * tracks.hits
+        return (tracks.misses <= allowed) & self._within(tracks, stamp_ns, self._config.max_coast_s)
 
+    @override
     def score(self, tracks: TrackRows, stamp_ns: int) -> F64:
         """Return the score of every track, by presence and number of detections."""
         trust = tracks.presence * tracks.hits / (tracks.hits + self._config.prior_misses)
         return tracks.score - (1.0 - trust) * np.abs(tracks.score)
-
-    def _detected(self, tracks: TrackRows) -> None:
-        tracks.presence[tracks.misses == 0] = self._config.p_present
 
 
 def make_management(config: TrackManagementConfig) -> TrackManagement:
