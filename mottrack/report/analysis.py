@@ -98,8 +98,8 @@ def _curve(curve: Curves) -> Curve:
     with np.errstate(invalid="ignore", divide="ignore"):
         precision = hits / (hits + curve["fp"])
     columns = {**curve, "precision": precision, "requested": curve["recall_hypo"]}
-    found = {name: columns[name][rows] for name in ("requested", *CURVES)}
-    plain: Curve = strict({name: [round(float(v), 5) for v in rows] for name, rows in found.items()})
+    names = ("requested", *CURVES)
+    plain: Curve = strict({n: [round(float(v), 5) for v in columns[n][rows]] for n in names})
     return plain
 
 
