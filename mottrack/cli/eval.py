@@ -5,6 +5,8 @@ from typing import Annotated, Literal
 
 import typer
 
+from mottrack.cli.sceneflow import sceneflow
+
 group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
@@ -12,6 +14,7 @@ Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 
 def register(app: typer.Typer) -> None:
     """Add the verbs to the application."""
+    group.command()(sceneflow)
     app.add_typer(group, name="eval")
 
 
