@@ -22,6 +22,7 @@ from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
 from mottrack.eval.pairs import (
     BoxStream,
+    Extended,
     Measure,
     Pairs,
     centre_distance,
@@ -234,8 +235,13 @@ def scene_pairs(result: SceneResult, score_filter: ScoreFilter, config: ScoreCon
 def _measure(truth: TruthTable, tracks: TrackTable, config: ScoreConfig) -> Measure:
     if config.match_by == "distance":
         return centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m)
-    boxes = [boxes7(table.centre_m, table.size_m, table.yaw_rad) for table in (truth, tracks)]
-    return overlap(iou_3d, boxes[0], boxes[1])
+    return overlap(iou_3d, _extended(truth), _extended(tracks))
+
+
+def _extended(table: TruthTable | TrackTable) -> Extended:
+    reach_m = np.hypot(table.size_m[:, 0], table.size_m[:, 1])[:, None] / 2  # at any heading
+    boxes = boxes7(table.centre_m, table.size_m, table.yaw_rad)
+    return Extended(boxes, table.centre_m[:, :1] + reach_m * np.array([-1.0, 1.0]))
 
 
 def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -> Mask:
