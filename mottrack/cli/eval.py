@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from mottrack.cli.capabilities import capabilities
 from mottrack.cli.sceneflow import sceneflow
 
 group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
@@ -15,6 +16,7 @@ Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 def register(app: typer.Typer) -> None:
     """Add the verbs to the application."""
     group.command()(sceneflow)
+    group.command()(capabilities)
     app.add_typer(group, name="eval")
 
 
