@@ -199,10 +199,10 @@ CAPABILITIES = {
     ),
     "false_by_crowd": Capability(
         "False boxes", "true boxes in the frame", "false boxes a frame",
-        (0.0, 1.0, 3.0, 6.0, 11.0, 21.0, np.inf), false_by_crowd, np.sum,
+        (0.0, 1.0, 5.0, 10.0, 20.0, 40.0, np.inf), false_by_crowd, np.sum,
     ),
     "time_by_load": Capability(
-        "Time", "tracks in the frame", "tracker [ms]", (0.0, 5.0, 10.0, 20.0, 40.0, 80.0, np.inf),
+        "Time", "tracks in the frame", "tracker [ms]", (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, np.inf),
         time_by_load, np.max,
     ),
 }  # fmt: skip
