@@ -9,7 +9,7 @@ import typer
 
 from mottrack.cli.arguments import Workers
 
-EXIT_FAULTS = 3
+EXIT_FAULTS = 3  # as for failed scenes: the command worked, the data do not
 
 
 def register(app: typer.Typer) -> None:
@@ -53,10 +53,10 @@ def check(
 ) -> None:
     """Report what is missing, damaged or out of order in a data set; exit code 3 if any."""
     from mottrack.core.errors import ConfigError
+    from mottrack.core.processes import available_cores
     from mottrack.datasets.check import check_dataset, kind_of_folder
     from mottrack.experiment.overrides import parse_override
     from mottrack.experiment.plugins import load_part
-    from mottrack.runs.workers import available_cores
 
     settings: dict[str, object] = {
         "kind": format_name or kind_of_folder(dataset),

@@ -1,4 +1,4 @@
-"""Overlap of upright rectangles: rows (N, 4) of left, top, right, bottom, in pixels."""
+"""Overlap of axis-aligned rectangles: rows (N, 4) of left, top, right, bottom, in pixels."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from mottrack.core.arrays import F64
 
 
 def rectangle_iou(a: F64, b: F64) -> F64:
-    """(N, M) intersection over union of all pairs of a (N, 4) and b (M, 4); 0 without area."""
+    """Return (N, M) IoU of all pairs of a (N, 4) and b (M, 4); 0 without area."""
     return rectangle_iou_of_pairs(a[:, None], b[None, :])
 
 
 def rectangle_iou_of_pairs(a: F64, b: F64) -> F64:
-    """(...) intersection over union of each of a (..., 4) with its partner in b (..., 4)."""
+    """Return (...) IoU of each of a (..., 4) with its partner in b (..., 4)."""
     shared = _shared(a, b)
     union = rectangle_area(a) + rectangle_area(b) - shared
     iou: F64 = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
@@ -19,7 +19,7 @@ def rectangle_iou_of_pairs(a: F64, b: F64) -> F64:
 
 
 def shared_area(a: F64, b: F64) -> F64:
-    """(N, M) area that each of a (N, 4) shares with each of b (M, 4)."""
+    """Return (N, M) the area that each of a (N, 4) shares with each of b (M, 4)."""
     return _shared(a[:, None], b[None, :])
 
 
@@ -31,6 +31,6 @@ def _shared(a: F64, b: F64) -> F64:
 
 
 def rectangle_area(boxes: F64) -> F64:
-    """(...) area of rectangles (..., 4); negative where right is left of left."""
+    """Return (...) areas of rectangles (..., 4); negative where right is left of left."""
     area: F64 = (boxes[..., 2] - boxes[..., 0]) * (boxes[..., 3] - boxes[..., 1])
     return area

@@ -22,7 +22,6 @@ from mottrack.experiment.experiment import Experiment
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.in_boxes import points_in_boxes
 from mottrack.pipeline.mirrored import MirroredScene
-from mottrack.pipeline.stream import is_stateful
 from mottrack.pipeline.sweep_pairs import SweepPairs
 
 REACH_M = 50.0
@@ -89,7 +88,7 @@ def fields(
 
     The first frame has no field: nothing follows it.
     """
-    settings, stateful = experiment.settings, is_stateful(source)
+    settings, stateful = experiment.settings, source.stateful
     pairs = SweepPairs(settings.pair_s, settings.max_pair_s)
     source.reset()
     for index in range(len(mirrored)):

@@ -115,7 +115,8 @@ def test_a_crowd_scores_as_the_whole_matrix_does(
         np.testing.assert_array_equal(getattr(crowd, name), getattr(plain, name))
     again = clear_of(crowd)
     assert again.distance == pytest.approx(counts[0].distance)
-    assert again.matches == counts[0].matches and again.switches == counts[0].switches
+    assert again.matches == counts[0].matches
+    assert again.switches == counts[0].switches
     assert identity.identity_counts(crowd) == counts[1]
     for name, value in zip(
         hota.HotaCounts.__dataclass_fields__, vars_of(hota.hota_counts(crowd)), strict=True

@@ -92,7 +92,8 @@ def official_bucketed(sweeps: list[FlowPoints], kind: str, out: Path) -> dict[st
         output_path=out,
     )
     for index, points in enumerate(sweeps):
-        assert points.xy_m is not None and points.ego_motion_m is not None
+        assert points.xy_m is not None
+        assert points.ego_motion_m is not None
         cloud = PointCloud(np.column_stack([points.xy_m, np.zeros(len(points.xy_m))]))
         everywhere = np.ones(len(points.xy_m), bool)
         frame = SupervisedPointCloudFrame(

@@ -66,5 +66,6 @@ def test_mirrored_scene_keeps_frames_and_turns_time() -> None:
     last = len(scene) - 1
     np.testing.assert_array_equal(mirrored.sweep(0).xyz_m, scene.sweep(last).xyz_m)
     truth, turned = scene.frame(3).truth, mirrored.frame(last - 3).truth
-    assert truth is not None and turned is not None
+    assert truth is not None
+    assert turned is not None
     np.testing.assert_array_equal(turned.velocity_mps, -truth.velocity_mps)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,9 @@ def jitter(moment: Moment, sigma_m: float) -> Objects:
 def size_noise(moment: Moment, sigma: float) -> Objects:
     """Scale each side of each box by a log-normal factor."""
     boxes = moment.detections
-    return replace(boxes, size_m=boxes.size_m * np.exp(moment.rng.normal(0, sigma, (len(boxes), 3))))
+    return replace(
+        boxes, size_m=boxes.size_m * np.exp(moment.rng.normal(0, sigma, (len(boxes), 3)))
+    )
 
 
 def heading_noise(moment: Moment, sigma_rad: float) -> Objects:
@@ -121,7 +124,9 @@ def lost_frame(moment: Moment, share: float) -> Objects:
 def joined(boxes: Objects, more: Objects) -> Objects:
     """Return both; what detectors report beside boxes (velocity, hulls) is left out."""
     names = ("centre_m", "size_m", "yaw_rad", "label", "score")
-    both = {n: np.concatenate([getattr(boxes, n), getattr(more, n)]) for n in names}
+    both: dict[str, Any] = {
+        name: np.concatenate([getattr(boxes, name), getattr(more, name)]) for name in names
+    }
     return Objects(stamp_ns=boxes.stamp_ns, frame=boxes.frame, **both)
 
 

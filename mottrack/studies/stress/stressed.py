@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mottrack.core.arrays import Floats
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import FlowSource, FrameObserver, Scene
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.studies.stress.damage import (
     DAMAGES,
     DRIFT,
@@ -123,20 +125,11 @@ class StressedFlow:
     _recent: deque[FlowField] = field(default_factory=deque)
     _number: int = 0
 
-    @property
-    def stateful(self) -> bool:
-        """Whether the source must see every sweep."""
-        return bool(getattr(self.source, "stateful", False))
-
-    @property
-    def error_model(self) -> object:
-        """How the source says that it errs: it does not know of the damage."""
-        return getattr(self.source, "error_model", None)
-
-    @property
-    def needs_sweeps(self) -> bool:
-        """Whether the source looks at sweeps."""
-        return bool(getattr(self.source, "needs_sweeps", True))
+    def __post_init__(self) -> None:
+        """Take over the source's traits: it does not know of the damage."""
+        self.stateful: bool = self.source.stateful
+        self.needs_sweeps: bool = self.source.needs_sweeps
+        self.error_model: VelocityErrorModel = self.source.error_model
 
     def observe(self, frame: Frame) -> None:
         """Hand the frame to a source that wants it."""
@@ -173,5 +166,5 @@ class StressedFlow:
         return found
 
 
-def _moved(found: FlowField, velocity_mps: np.ndarray) -> FlowField:  # type: ignore[type-arg]
+def _moved(found: FlowField, velocity_mps: Floats) -> FlowField:
     return replace(found, velocity_mps=velocity_mps.astype(np.float32))

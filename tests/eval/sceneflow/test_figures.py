@@ -74,16 +74,19 @@ def test_paired_difference_of_methods_excludes_zero_only_where_they_differ() -> 
     )
     found = {d.key: d for d in differences(worse.sampled(weights), better.sampled(weights))}
     best = next(d for k, d in found.items() if (k.row, k.metric) == ("bucketed", "mean dynamic"))
-    assert best.better and best.difference == pytest.approx(-0.3)
+    assert best.better
+    assert best.difference == pytest.approx(-0.3)
     assert not any(
         d.significant for d in differences(same.sampled(weights), better.sampled(weights))
     )
 
 
 def test_categories_are_argoverses_in_its_order() -> None:
-    assert len(CATEGORIES) == 31 and list(CATEGORIES[1:]) == sorted(CATEGORIES[1:])
+    assert len(CATEGORIES) == 31
+    assert list(CATEGORIES[1:]) == sorted(CATEGORIES[1:])
     listed = [name for members in GROUPS.values() for name in members]
-    assert len(set(listed)) == len(listed) and set(listed) < set(CATEGORIES)
+    assert len(set(listed)) == len(listed)
+    assert set(listed) < set(CATEGORIES)
     assert (group_table() >= 0).sum() == len(listed)
     assert category_numbers(["van", "unheard of"]).tolist() == [19, -1]
     assert len(BUCKET_EDGES_M) == 52
