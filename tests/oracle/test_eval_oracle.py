@@ -18,6 +18,7 @@ from mottrack.eval import clear, hota, identity
 from mottrack.eval.mot import image_pairs, preprocess, read_boxes
 from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.outputs import details_json, summary_json
+from mottrack.eval.nuscenes.rules import Rules
 from mottrack.eval.pairs import BoxStream, Measure, Measured, Pairs, find_pairs, iou_gate
 from mottrack.formats.nuscenes_splits import SPLITS, split_scenes
 
@@ -70,8 +71,9 @@ def test_random_scenarios_equal_the_devkit(
 ) -> None:
     monkeypatch.setenv("MOTTRACK_CACHE", str(tmp_path / "cache"))
     data, out = tmp_path / "data", tmp_path / "out"
+    rules = Rules(arithmetic="machine")  # the devkit's product is this processor's
     request = command.Request(
-        data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json"
+        data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json", rules
     )
     Scenario(seed).write(data)
     official = devkit_metrics(data, out)
