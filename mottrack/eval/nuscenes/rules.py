@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 Interpolation = Literal["official", "fixed"]
+Arithmetic = Literal["recorded", "machine"]
 
 CLASSES = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
 CLASS_OF_CATEGORY = {
@@ -68,6 +69,9 @@ class Rules:
     interpolation: Interpolation = "official"
     """How gaps in tracks are filled. "official" swaps the weights of the two neighbours, as the
     devkit does (its issue 1141); "fixed" is linear interpolation."""
+    arithmetic: Arithmetic = "recorded"
+    """How the official distance rounds, which depends on the processor: "recorded" is the same on
+    every machine, "machine" is what the devkit does on this one (see `products`)."""
 
     @classmethod
     def for_classes(cls, classes: tuple[str, ...]) -> "Rules":
