@@ -33,7 +33,10 @@ def capabilities(  # noqa: PLR0913
     split: Annotated[str, typer.Option(help="Of nuScenes or KITTI, or a file of names.")] = "val",
     bootstrap: Bootstrap = 400,
 ) -> None:
-    """Draw identity over gaps, latency, neighbours, velocity errors, false boxes and time."""
+    """Draw identity over gaps, latency, neighbours, velocity errors, false boxes and time.
+
+    Example: mottrack eval capabilities out/demo --out out/capabilities
+    """
     from mottrack.core.errors import InputError
     from mottrack.eval.capabilities.curves import curves
     from mottrack.eval.capabilities.report import write_outputs

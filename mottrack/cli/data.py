@@ -31,7 +31,10 @@ def synth(
         float, typer.Option("--duration", min=0.2, max=120.0, help="seconds a scene")
     ] = 20.0,
 ) -> None:
-    """Write the embedded world as a data set in a real format, with truth and detections."""
+    """Write the embedded world as a data set in a real format, with truth and detections.
+
+    Example: mottrack synth out/world --format kitti --scenes 2
+    """
     from mottrack.datasets.writers import FORMATS, write_synthetic
 
     names = write_synthetic(out, format_name, scenes, seed=seed, duration_s=duration_s)
@@ -51,7 +54,10 @@ def check(
     every: Annotated[int, typer.Option(min=1, help="read only every so many-th sweep")] = 1,
     workers: Workers = 0,
 ) -> None:
-    """Report what is missing, damaged or out of order in a data set; exit code 3 if any."""
+    """Report what is missing, damaged or out of order in a data set; exit code 3 if any.
+
+    Example: mottrack check path/to/kitti_tracking
+    """
     from mottrack.core.errors import ConfigError
     from mottrack.core.processes import available_cores
     from mottrack.datasets.check import check_dataset, kind_of_folder
@@ -84,7 +90,10 @@ def submit(
     ] = None,
     split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
 ) -> None:
-    """Write the tracks of a run as a nuScenes tracking submission."""
+    """Write the tracks of a run as a nuScenes tracking submission.
+
+    Example: mottrack submit out/val --root path/to/nuscenes --out submission.json
+    """
     from mottrack.core.errors import DataError
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes

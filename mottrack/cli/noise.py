@@ -27,6 +27,8 @@ def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None
 
     The file that is written is a tracker group: put it into a folder `tracker` beside your
     experiment and name it there. A sweep over flow sources writes one file for each.
+
+    Example: mottrack estimate-noise demo flow=icp --out tracker/mine.yaml
     """
     from mottrack.core.storage import write_text
     from mottrack.experiment.experiment import load_experiments

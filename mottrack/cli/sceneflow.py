@@ -42,7 +42,10 @@ def sceneflow(  # noqa: PLR0913
     ] = None,
     bootstrap: Annotated[int, typer.Option(min=2, help="Resamples of the intervals.")] = 400,
 ) -> None:
-    """Compute EPE, bucketed and three-way, accuracy and angle error of scene flow."""
+    """Compute EPE, bucketed and three-way, accuracy and angle error of scene flow.
+
+    Example: mottrack eval sceneflow demo flow=zero,icp --out out/flow
+    """
     from mottrack.core.errors import InputError
     from mottrack.eval.sceneflow.report import format_tables, write_outputs
 

@@ -24,7 +24,10 @@ def stress(
         str, typer.Option(help="Kinds of damage, separated by commas; by default all.")
     ] = "",
 ) -> None:
-    """Make detections and flow worse step by step; say where each tracker breaks."""
+    """Degrade detections and flow step by step and report where each tracker fails.
+
+    Example: mottrack stress demo flow=zero tracker=kalman --kinds dropout,jitter --out out/stress
+    """
     from mottrack.core.errors import unknown_name
     from mottrack.experiment.experiment import load_experiments
     from mottrack.formats.text_table import aligned

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.sweep import SECOND_NS
 from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
@@ -123,7 +124,7 @@ class KittiScene:
         return self._numbers[checked_index(index, len(self), self.name)]
 
     def _stamp_ns(self, number: int) -> int:
-        return round(number * self._files.config.period_s * 1e9)
+        return round(number * self._files.config.period_s * SECOND_NS)
 
     def _read_poses(self) -> list[Pose]:
         files, source = self._files, self._files.config.poses

@@ -10,6 +10,7 @@ import numpy as np
 from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import I64
 from mottrack.core.pose import wrap_angle
+from mottrack.core.sweep import seconds_between
 from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.nuscenes.config import CATEGORY_MAP, CLASSES, NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
@@ -213,8 +214,8 @@ def interpolated_truth(
     before, after = (table.select(table.frame == key) for key in (key_frame, key_frame + 1))
     _, left, right = np.intersect1d(before.id, after.id, return_indices=True)
     before, after = before.select(left), after.select(right)
-    elapsed_ns = int(key_stamp_ns[key_frame + 1] - key_stamp_ns[key_frame])
-    share = (stamp_ns - int(key_stamp_ns[key_frame])) / elapsed_ns
+    before_ns, after_ns = int(key_stamp_ns[key_frame]), int(key_stamp_ns[key_frame + 1])
+    share = (stamp_ns - before_ns) / (after_ns - before_ns)
     moved = after.centre_m - before.centre_m
     turned = wrap_angle(after.yaw_rad - before.yaw_rad)
     return Truth(
@@ -225,7 +226,7 @@ def interpolated_truth(
         yaw_rad=wrap_angle(before.yaw_rad + share * turned),
         label=before.label,
         id=before.id,
-        velocity_mps=moved[:, :2] / (elapsed_ns * 1e-9),
+        velocity_mps=moved[:, :2] / seconds_between(before_ns, after_ns),
         num_points=np.full(len(left), -1),
         interpolated=np.ones(len(left), dtype=bool),
     )

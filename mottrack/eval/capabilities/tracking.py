@@ -11,6 +11,7 @@ import numpy as np
 
 from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.sweep import seconds_between
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear
 from mottrack.eval.kitti.boxes import KittiBoxes
@@ -81,7 +82,8 @@ def _of_result(result: SceneResult, truth: TruthTable, tracks: TrackTable) -> Tr
     true = _side(result, truth, np.where(known, truth.velocity_mps, np.nan), truth.num_points)
     unknown = np.full(len(tracks), -1)
     said = _side(result, tracks, tracks.velocity_mps, unknown)
-    stamp_s = (result.frames.stamp_ns - result.frames.stamp_ns[0]) * 1e-9
+    stamp_ns = result.frames.stamp_ns
+    stamp_s = seconds_between(stamp_ns[0], stamp_ns)
     spent_s = result.timings_s.get("tracker", np.zeros(0))
     return Tracking(stamp_s, true, said, spent_s if len(spent_s) == len(stamp_s) else np.zeros(0))
 

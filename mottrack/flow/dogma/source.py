@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from typing import Literal
 
@@ -16,6 +15,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
+from mottrack.core.processes import available_cores
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, flow_field, is_moving
@@ -63,7 +63,7 @@ class DogmaFlow(FlowSourceBase):
         self.config = config or DogmaConfig()
         self.grid = grid or BevGrid()
         self._ground = self.config.ground.reaching(self.grid)
-        self._workers = Workers(min(self.config.threads, os.cpu_count() or 1))
+        self._workers = Workers(min(self.config.threads, available_cores()))
         self.reset()
 
     def reset(self) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
+from mottrack.core.sweep import SECOND_NS, seconds_between
 from mottrack.trackers.kalman.association import heading_residual
 from mottrack.trackers.kalman.config import ClassNoise
 from mottrack.trackers.kalman.noise_tables import SIZE_M2PS, WANDER_M2PS, WANDER_RAD2PS
@@ -164,7 +165,8 @@ def _changes(samples: NoiseSamples, label: str) -> _Changes:
         picked = rows[_spaced(samples.true_stamp_ns[rows])]
         if len(picked) < 3:
             continue
-        step_s = np.diff(samples.true_stamp_ns[picked])[:, None] * 1e-9
+        stamp_ns = samples.true_stamp_ns[picked]
+        step_s = seconds_between(stamp_ns[:-1], stamp_ns[1:])[:, None]
         box = samples.true_box[picked]
         difference = np.diff(box[:, :4], axis=0)
         difference[:, 3] = heading_residual(difference[:, 3])
@@ -185,7 +187,7 @@ def _spaced(stamp_ns: I64) -> list[int]:
     """Return positions of stamps at least `BASELINE_S` apart, the first included."""
     picked = [0]
     for k, stamp in enumerate(stamp_ns.tolist()):
-        if stamp - stamp_ns[picked[-1]] >= BASELINE_S * 1e9:
+        if stamp - stamp_ns[picked[-1]] >= BASELINE_S * SECOND_NS:
             picked.append(k)
     return picked
 
