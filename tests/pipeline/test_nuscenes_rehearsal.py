@@ -142,6 +142,35 @@ def test_amota_of_a_run_is_that_of_its_submission(rehearsal: Rehearsal, tmp_path
         assert figures["amota"] == pytest.approx(official["label_metrics"]["amota"][label])
 
 
+def test_velocity_error_of_a_submission_is_that_of_the_run(
+    rehearsal: Rehearsal, tmp_path: Path
+) -> None:
+    run, submission, still = (tmp_path / name for name in ("run", "own.json", "still.json"))
+    words = [*of(rehearsal), "tracker=kalman", "scores.velocity.coasting=true", "--workers", 1]
+    mottrack("run", "nuscenes_trackers", *words, "--out", run)
+    mottrack("submit", run, "--root", rehearsal.root, "--out", submission)
+    content = json.loads(submission.read_text())
+    for box in (box for boxes in content["results"].values() for box in boxes):
+        box["velocity"] = [0.0, 0.0]
+    unknown = [float("nan")] * 2
+    next(boxes for boxes in content["results"].values() if boxes)[0]["velocity"] = unknown
+    still.write_text(json.dumps(content))
+    text = mottrack(
+        *("eval", "nuscenes", "--dataroot", rehearsal.root, "--split", rehearsal.split),
+        *("--submission", submission, "--compare", still, "--out", tmp_path / "eval"),
+        "--no-picture",
+    )
+    assert "still.json: 1 boxes have no velocity" in text
+    found = json.loads((tmp_path / "eval/velocity_error.json").read_text())
+    own = json.loads((run / "scores.json").read_text())["runs"][0]["metrics"]["velocity_error"]
+    assert found["velocity_error"].keys() == own.keys()
+    for row, figures in own.items():
+        assert found["velocity_error"][row]["count"] == figures["count"]
+        assert found["velocity_error"][row]["mean_mps"] == pytest.approx(figures["mean_mps"])
+    fast = [d for d in found["differences"] if (d["row"], d["metric"])[0].startswith("fast")]
+    assert fast[0]["difference"] > 1.0  # velocities that are all zero miss what moves
+
+
 def test_racks_are_left_out_of_every_count(rehearsal: Rehearsal, tmp_path: Path) -> None:
     mottrack(
         *("run", "nuscenes_trackers", *of(rehearsal), "tracker=kalman", "--workers", 1),
