@@ -56,7 +56,7 @@ def demo(
     Example: mottrack demo --quick
     """
     quick_overrides = ["dataset.scenes=1", "dataset.duration_s=4"] if quick else []
-    _run("demo", quick_overrides, out, workers)
+    _run("demo_clusters", quick_overrides, out, workers)
 
 
 def list_parts(

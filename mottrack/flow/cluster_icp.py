@@ -16,12 +16,12 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
-from mottrack.core.velocity_errors import REGISTRATION_ERRORS
 from mottrack.flow.registration.component_field import component_field
 from mottrack.flow.registration.components import connected_cells
 from mottrack.flow.registration.fragments import follow_neighbours
 from mottrack.flow.registration.matcher import Labels, MatchConfig, Matcher
 from mottrack.flow.registration.motion_test import MotionDecision, MotionTestConfig, is_moving
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
 
 
@@ -40,7 +40,7 @@ class ClusterIcpFlow(FlowSourceBase):
     """Velocity of each connected component by registration from many starts."""
 
     Config = ClusterIcpConfig
-    error_model = REGISTRATION_ERRORS
+    error_model = shipped_errors("cluster_icp")
 
     def __init__(
         self, config: ClusterIcpConfig | None = None, *, grid: BevGrid | None = None

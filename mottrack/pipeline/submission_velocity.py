@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mottrack.core import Frame, SceneResult
+from mottrack.core.arrays import Mask
 from mottrack.core.storage import write_text
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.datasets.nuscenes.config import NuScenesConfig
@@ -95,7 +96,7 @@ def _tracks(frames: Sequence[Frame], boxes_of: dict[str, list[Box]]) -> TrackTab
         for name in ("translation", "size", "rotation", "tracking_score")
     }
     count = len(boxes)
-    known = np.isfinite(velocity).all(axis=1)
+    known: Mask = np.asarray(np.isfinite(velocity).all(axis=1))
     return TrackTable(
         frame=np.array([frame for frame, _ in boxes]),
         id=np.unique(names, return_inverse=True)[1],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -17,7 +16,6 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, View, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
 from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
@@ -25,6 +23,7 @@ from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
 from mottrack.flow.dogma.returns import OBSTACLE, returns_of
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
 from mottrack.flow.sweep_pair.obstacle_points import GroundStage
 
@@ -56,8 +55,7 @@ class DogmaFlow(FlowSourceBase):
     """The recursive rival of two-frame flow: a particle filter that lives through a scene."""
 
     Config = DogmaConfig
-    error_model = replace(FLOW_ERRORS, relative=0.0)
-    """Its covariance has the relative part in it (`ReadoutConfig.relative`)."""
+    error_model = shipped_errors("dogma")
     stateful = True
     """Each estimate builds on all sweeps before it."""
 
