@@ -40,6 +40,7 @@ class Format:
         return function(scenes, root) if version is None else function(scenes, root, version)
 
 
+# rates are those of the real data sets: they decide which sweeps and key frames are written
 FORMATS = {
     "nuscenes": Format(
         "mottrack.datasets.nuscenes.write:write_rehearsal",

@@ -6,6 +6,7 @@ from typing import Any, Literal
 from mottrack.formats.nuscenes_classes import CLASSES
 
 Interpolation = Literal["official", "fixed"]
+Arithmetic = Literal["recorded", "machine"]
 
 MAX_BOXES_PER_SAMPLE = 500
 """Of the official configuration, like the ranges and the worst values below."""
@@ -54,6 +55,9 @@ class Rules:
     interpolation: Interpolation = "official"
     """How gaps in tracks are filled. "official" swaps the weights of the two neighbours, as the
     devkit does (its issue 1141); "fixed" is linear interpolation."""
+    arithmetic: Arithmetic = "recorded"
+    """How the official distance rounds, which depends on the processor: "recorded" is the same on
+    every machine, "machine" is what the devkit does on this one (see `products`)."""
 
     @classmethod
     def for_classes(cls, classes: tuple[str, ...]) -> "Rules":
