@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
     app.command("submit")(submit)
 
 
-def synth(
+def synth(  # noqa: PLR0913
     out: Annotated[Path, typer.Argument(help="new folder for the data set")],
     *,
     scenes: Annotated[int, typer.Option(min=1, help="number of scenes")] = 2,
@@ -30,14 +30,22 @@ def synth(
     duration_s: Annotated[
         float, typer.Option("--duration", min=0.2, max=120.0, help="seconds a scene")
     ] = 20.0,
+    version: Annotated[
+        str | None, typer.Option(help="v1.0-trainval (default) or v1.0-mini; nuscenes only")
+    ] = None,
 ) -> None:
     """Write the embedded world as a data set in a real format, with truth and detections.
 
+    The nuscenes format is a rehearsal of the real one: bicycle racks, returns of the ego vehicle's
+    body, a tilted LiDAR, velocities NaN where the detector gives none.
+
     Example: mottrack synth out/world --format kitti --scenes 2
     """
+    from mottrack.datasets.synthetic import SyntheticConfig
     from mottrack.datasets.writers import FORMATS, write_synthetic
 
-    names = write_synthetic(out, format_name, scenes, seed=seed, duration_s=duration_s)
+    world = SyntheticConfig(scenes=scenes, seed=seed, duration_s=duration_s)
+    names = write_synthetic(out, format_name, world, version)
     typer.echo(f"{out}: {len(names)} scenes in {format_name} format ({names[0]} .. {names[-1]})")
     typer.echo(f"detections: {out / FORMATS[format_name].detections}")
 

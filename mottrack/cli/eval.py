@@ -48,14 +48,20 @@ def nuscenes(  # noqa: PLR0913
     ] = False,
     hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
 ) -> None:
-    """Compute the nuScenes tracking metrics (AMOTA, AMOTP, ...), equal to the devkit's."""
+    """Compute the nuScenes tracking metrics (AMOTA, ...), equal to the devkit's.
+
+    The velocity error of the tracks by category comes with them.
+    """
     from mottrack.eval.nuscenes import command
     from mottrack.eval.nuscenes.rules import Rules
+    from mottrack.pipeline.submission_velocity import velocity_report
 
     rules = Rules(interpolation=interpolation, arithmetic=arithmetic)
     extras = command.Extras(picture, bootstrap, compare, error_classes, hota)
     request = command.Request(dataroot, version, split, submission, rules, strict)
     for text in command.evaluate(request, extras, out, warn=lambda t: typer.echo(t, err=True)):
+        typer.echo(text)
+    for text in velocity_report(request, compare, out):
         typer.echo(text)
 
 

@@ -56,7 +56,7 @@ def demo(
     Example: mottrack demo --quick
     """
     quick_overrides = ["dataset.scenes=1", "dataset.duration_s=4"] if quick else []
-    _run("demo", quick_overrides, out, workers)
+    _run("demo_clusters", quick_overrides, out, workers)
 
 
 def list_parts(
@@ -86,6 +86,7 @@ def _run(
     from mottrack.runs.comparison import run_comparison
     from mottrack.runs.comparison_tables import comparison_tables
     from mottrack.runs.terminal import TerminalProgress, print_comparison
+    from mottrack.runs.velocity_bench import plain_words
 
     experiments = load_experiments(config, overrides)
     with TerminalProgress() as progress:
@@ -97,5 +98,7 @@ def _run(
     if any(run.finished for run in comparison.runs):
         write_report(comparison, out / "report.html")
         typer.echo(f"report:  {out / 'report.html'}")
+        for line in plain_words(comparison.flow_values):
+            typer.echo(line)
     if comparison.failed:
         raise typer.Exit(EXIT_SCENES_FAILED)

@@ -21,6 +21,7 @@ from mottrack.eval.flow_error import FlowError, flow_table
 from mottrack.eval.memo import Memo
 from mottrack.eval.nuscenes.metrics import Curves, Metrics, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.nuscenes.racks import outside_racks
 from mottrack.eval.pairs import (
     BoxStream,
     Extended,
@@ -252,8 +253,10 @@ def scene_pairs(result: SceneResult, score_filter: ScoreFilter, config: ScoreCon
 
 def selected(result: SceneResult, score_filter: ScoreFilter) -> tuple[TruthTable, TrackTable]:
     """Return the true boxes and the track boxes that count, in order of their frame."""
-    truth = _rows(result.truth.select(_seen(result.truth)), score_filter.label)
-    tracks = _rows(result.tracks, score_filter.label)
+    counted = _seen(result.truth) & outside_racks(result.truth, result.truth)
+    truth = _rows(result.truth.select(counted), score_filter.label)
+    evaluated = outside_racks(result.tracks, result.truth)
+    tracks = _rows(result.tracks.select(evaluated), score_filter.label)
     truth = truth.select(_near(result, truth, score_filter.range_m))
     tracks = tracks.select(_near(result, tracks, score_filter.range_m))
     return truth, tracks.select(_track_means(tracks) >= score_filter.threshold - ROUNDING)

@@ -110,7 +110,9 @@ class Pipeline:
         """Start a new scene: forget all but the latency; loaded and compiled parts stay."""
         settings = self._experiment.settings
         self.tracker: Tracker = self._experiment.tracker.make()
-        self._pairs = SweepPairs(settings.pair_s, settings.max_pair_s)
+        self._pairs = SweepPairs(
+            settings.pair_s, settings.max_pair_s, required=self.flow.needs_sweeps
+        )
         self._stamp_ns: int | None = None
         self.flow.reset()
         self.objects.reset()

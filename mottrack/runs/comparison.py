@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from mottrack.runs.differences import RunDifferences, check_baseline, find_diffe
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Job, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
+from mottrack.runs.velocity_bench import FlowValue, flow_values
 from mottrack.runs.workers import Progress
 
 __all__ = ["Comparison", "ScoredRun", "load_comparison", "run_comparison"]
@@ -30,6 +32,11 @@ class Comparison:
     out: Path
     differences: tuple[RunDifferences, ...] = ()
     """Every other run against the baseline of its data set."""
+
+    @cached_property
+    def flow_values(self) -> list[FlowValue]:
+        """What each flow source was worth beside no flow."""
+        return flow_values(self.runs)
 
     @property
     def failed(self) -> dict[str, str]:

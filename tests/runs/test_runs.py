@@ -9,6 +9,7 @@ from rich.console import Console
 
 from mottrack.core import ConfigError, DataError
 from mottrack.core.snapshot import load_snapshots
+from mottrack.datasets.synthetic import SyntheticConfig
 from mottrack.datasets.writers import write_synthetic
 from mottrack.experiment.experiment import Experiment, compose
 from mottrack.flow.pillarflow.source import SHIPPED
@@ -176,7 +177,8 @@ def test_a_run_reports_its_latency(tmp_path: Path, progress) -> None:
 def test_a_scene_without_detections_names_the_file_that_should_hold_them(
     tmp_path: Path,
 ) -> None:
-    write_synthetic(tmp_path, "kitti", 1, seed=3, duration_s=0.2)
+    world = SyntheticConfig(scenes=1, seed=3, duration_s=0.2)
+    write_synthetic(tmp_path, "kitti", world)
     shutil.rmtree(tmp_path / "detections")
     tree = {"dataset": {"kind": "kitti", "root": str(tmp_path)}, "score_flow": False}
     (experiment,) = compose(tree, [], HERE)

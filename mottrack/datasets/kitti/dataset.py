@@ -24,6 +24,7 @@ from mottrack.datasets.scene_boxes import (
     unknown_velocities,
 )
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import MissingError
 from mottrack.formats.files import existing_folder
@@ -113,7 +114,9 @@ class KittiScene:
         values = read_float_rows(path, 4)
         check_points(path, values[:, :3])
         check_interval(path, "reflectance", values[:, 3], 1.0)
-        return Sweep(values[:, :3], values[:, 3], self._stamp_ns(number), self._poses[number])
+        stamp_ns, pose = self._stamp_ns(number), self._poses[number]
+        read = Sweep(values[:, :3], values[:, 3], stamp_ns, pose)
+        return without_own_body(read, self._files.config.vehicle)
 
     @property
     def detections_at(self) -> Path:

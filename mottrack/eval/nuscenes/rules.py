@@ -3,25 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from mottrack.formats.nuscenes_classes import CLASSES
+
 Interpolation = Literal["official", "fixed"]
 Arithmetic = Literal["recorded", "machine"]
 
-CLASSES = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
-CLASS_OF_CATEGORY = {
-    "vehicle.bicycle": "bicycle",
-    "vehicle.bus.bendy": "bus",
-    "vehicle.bus.rigid": "bus",
-    "vehicle.car": "car",
-    "vehicle.motorcycle": "motorcycle",
-    "human.pedestrian.adult": "pedestrian",
-    "human.pedestrian.child": "pedestrian",
-    "human.pedestrian.construction_worker": "pedestrian",
-    "human.pedestrian.police_officer": "pedestrian",
-    "vehicle.trailer": "trailer",
-    "vehicle.truck": "truck",
-}
-RACK_CATEGORY = "static_object.bicycle_rack"
-RACKED_CLASSES = ("bicycle", "motorcycle")
 MAX_BOXES_PER_SAMPLE = 500
 """Of the official configuration, like the ranges and the worst values below."""
 FRAME_SECONDS = 0.5

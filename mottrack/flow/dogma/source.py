@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -17,13 +16,13 @@ from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.processes import available_cores
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
 from mottrack.flow.dogma.measurement_grid import OBSTACLE, SensorConfig, measure, returns_of
 from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds
 
 REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
@@ -54,8 +53,7 @@ class DogmaFlow(FlowSourceBase):
     """Recursive flow, unlike that from two sweeps: a particle filter over a whole scene."""
 
     Config = DogmaConfig
-    error_model = replace(FLOW_ERRORS, relative=0.0)
-    """Its covariance has the relative part in it (`ReadoutConfig.relative`)."""
+    error_model = shipped_errors("dogma")
     stateful = True
     """Each estimate builds on all sweeps before it."""
 

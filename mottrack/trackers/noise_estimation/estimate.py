@@ -46,11 +46,16 @@ class ClassEstimate:
 
 @dataclass(frozen=True, slots=True)
 class VelocityEstimate:
-    """R_d of a velocity source: one variance for both axes, which turn with the object."""
+    """R_d of a velocity source: one variance for both axes, which turn with the object.
+
+    No velocity is left out: those of movers err most, and the filter meets them too.
+    """
 
     variance_m2ps2: float
+    """Over all classes."""
+    class_variance_m2ps2: dict[str, float]
+    """Of each class with enough velocities."""
     measured: int
-    outliers: int
     bias_mps: tuple[float, float]
 
 
@@ -77,15 +82,16 @@ def estimate_velocity_noise(samples: NoiseSamples) -> VelocityEstimate | None:
     error = samples.velocity_error[np.isfinite(samples.velocity_error).all(axis=1)]
     if len(error) < LEAST_COUNT:
         return None
-    good = inliers(error[:, 0]) & inliers(error[:, 1])
-    variance = float(np.mean(error[good] ** 2))
-    bias = error[good].mean(axis=0)
-    return VelocityEstimate(
-        max(variance, SMALLEST_VARIANCE),
-        len(error),
-        int((~good).sum()),
-        (float(bias[0]), float(bias[1])),
-    )
+    label = samples.label[np.isfinite(samples.velocity_error).all(axis=1)]
+    square = 0.5 * np.sum(error**2, axis=1)
+    by_class = {
+        str(name): max(float(square[label == name].mean()), SMALLEST_VARIANCE)
+        for name in np.unique(label)
+        if np.count_nonzero(label == name) >= LEAST_COUNT
+    }
+    bias = error.mean(axis=0)
+    whole = max(float(square.mean()), SMALLEST_VARIANCE)
+    return VelocityEstimate(whole, by_class, len(error), (float(bias[0]), float(bias[1])))
 
 
 def inliers(error: F64) -> Mask:
