@@ -24,7 +24,9 @@ from _common import report
 from mottrack.eval.velocity_error import CATEGORIES, OTHER
 from mottrack.experiment.experiment import load_experiments
 from mottrack.runs.comparison import Comparison, run_comparison
-from mottrack.runs.workers import Outcome
+from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.runner import Execution
+from mottrack.runs.tasks import Outcome
 
 ROWS = (*CATEGORIES, "all", OTHER)
 
@@ -87,7 +89,9 @@ def main() -> None:
         chosen.append(f"flow={options.flow}")
     experiments = load_experiments("clusters", chosen)
     out, workers = options.out / options.dataset, options.workers
-    comparison = run_comparison(experiments, out, workers=workers, progress=LinePerScene())
+    comparison = run_comparison(
+        experiments, out, execution=Execution(LocalPool(workers)), progress=LinePerScene()
+    )
     report(table(comparison), options.json)
 
 
