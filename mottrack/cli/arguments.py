@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+# 1 is an unexpected exception; typer ends with 2 for a wrong command line too
 EXIT_USER_ERROR = 2
 EXIT_SCENES_FAILED = 3
 

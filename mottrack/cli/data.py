@@ -9,7 +9,7 @@ import typer
 
 from mottrack.cli.arguments import Workers
 
-EXIT_FAULTS = 3
+EXIT_FAULTS = 3  # as for failed scenes: the command worked, the data do not
 
 
 def register(app: typer.Typer) -> None:

@@ -28,6 +28,7 @@ from mottrack.geometry.rectangles import rectangle_iou
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
 """Of MOT16 and later: person on vehicle, static person, distractor, reflection."""
+# frame, id and four numbers of the box; the ninth column is the visibility, after the class
 MIN_FIELDS = 6
 FIELDS_WITH_CLASS = 9
 

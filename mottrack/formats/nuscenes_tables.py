@@ -34,6 +34,7 @@ _BLOCK_ROWS = 20_000
 _BETWEEN_RECORDS = re.compile(rb"\}\s*,\s*\{")
 
 TOKEN = ColumnSpec("token", str)
+# quaternions w, x, y, z and positions x, y, z
 ROTATION = ColumnSpec("rotation", width=4)
 TRANSLATION = ColumnSpec("translation", width=3)
 

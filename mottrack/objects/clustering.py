@@ -10,6 +10,7 @@ from scipy import ndimage
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
 
+# cells that touch by a corner are connected: walls seen at an angle fall into a chain of corners
 _EIGHT_NEIGHBOURS = np.ones((3, 3), np.bool_)
 
 

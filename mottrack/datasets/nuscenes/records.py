@@ -53,6 +53,7 @@ _SAMPLE_DATA = (
     ColumnSpec("is_key_frame", int),
     ColumnSpec("filename", str),
 )
+# fields of sample_annotation that are read
 _ANNOTATION = (
     TOKEN,
     _SAMPLE_TOKEN,

@@ -20,7 +20,7 @@ from mottrack.core.errors import DataError
 
 _STAMP = struct.Struct("<iI")
 """builtin_interfaces/msg/Time, little-endian: seconds, nanoseconds."""
-_CDR_HEADER_BYTES = 4
+_CDR_HEADER_BYTES = 4  # encapsulation kind and options before every CDR message
 # mcap and rosbags check little themselves: this is what they raise on damaged bytes
 _FAULTS = (
     McapError,

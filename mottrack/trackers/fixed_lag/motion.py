@@ -12,7 +12,7 @@ import numpy as np
 from mottrack.core.arrays import F64
 from mottrack.trackers.fixed_lag.config import MotionModelConfig
 
-STATE_DIM = 6
+STATE_DIM = 6  # x, y, vx, vy, ax, ay
 
 
 def transition(dt_s: F64) -> F64:

@@ -59,6 +59,7 @@ class ClassSigmas(NamedTuple):
         )
 
 
+# arguments in the order of `ClassSigmas`; where the numbers come from is said at the top
 DEFAULT: dict[str, ClassSigmas] = {
     "car": ClassSigmas(0.25, 0.15, 0.20, 0.25, 0.12, 0.12, 12.0, 1.5, 0.3, lateral_ratio=0.15),
     "truck": ClassSigmas(0.40, 0.25, 0.20, 0.70, 0.20, 0.25, 12.0, 1.2, 0.2, lateral_ratio=0.15),

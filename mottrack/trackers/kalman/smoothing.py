@@ -66,12 +66,12 @@ def smooth(steps: Sequence[Tracks], config: KalmanConfig | None = None) -> list[
         raise ConfigError("smoothing needs time in seconds, not frames")
     stamps_ns = np.array([step.stamp_ns for step in steps], np.int64)
     table = NoiseTable(config.noise)
-    rows: list[list[tuple[_Track, _Estimate]]] = [[] for _ in steps]
+    rows: list[list[_Row]] = [[] for _ in steps]
     for track in _tracks_of(steps):
         process = table.process(table.index(np.array([track.label])))
         model = _Model(process, stamps_ns, config.noise.form == "wiener")
         for estimate in model.smoothed(model.with_gaps_filled(track.estimates)):
-            rows[estimate.step].append((track, estimate))
+            rows[estimate.step].append(_Row(track, estimate))
     return [_collect(step, found) for step, found in zip(steps, rows, strict=True)]
 
 
@@ -143,7 +143,14 @@ class _Model:
         return smoothed[::-1]
 
 
-def _collect(step: Tracks, rows: list[tuple[_Track, _Estimate]]) -> Tracks:
+class _Row(NamedTuple):
+    """A smoothed estimate at one step, and the track that it belongs to."""
+
+    track: _Track
+    estimate: _Estimate
+
+
+def _collect(step: Tracks, rows: list[_Row]) -> Tracks:
     if not rows:
         return Tracks.empty(step.stamp_ns, step.frame, STATE_SIZE)
     state = np.array([estimate.mean for _, estimate in rows])

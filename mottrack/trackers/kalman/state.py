@@ -5,6 +5,7 @@ x = (x, y, z, a, l, w, h, d_x, d_y, d_z, d_a), the 11 numbers of StanfordIPRL-TR
 measured: o_hat of PillarFlow, section IV-D.
 """
 
+# positions in the state vector above
 YAW = 3
 SIZE = slice(4, 7)
 POSE = slice(0, 4)
@@ -13,6 +14,7 @@ RATE = slice(7, 11)
 VELOCITY = slice(7, 9)
 XY_VELOCITY = [0, 1, 7, 8]
 
+# lengths of the observation and of the state
 BOX_SIZE = 7
 STATE_SIZE = 11
 
