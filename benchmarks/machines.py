@@ -172,7 +172,7 @@ class FirstToLast:
 
     def frames(self, scene: str, done: int, total: int) -> None: ...
 
-    def scene_ends(self, outcome: object) -> None:
+    def scene_ends(self, _outcome: object) -> None:
         self._ends.append(time.perf_counter())
 
     @property

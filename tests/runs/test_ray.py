@@ -100,8 +100,9 @@ def test_the_results_are_those_of_local_processes_whatever_dies(
         assert {name: theirs[name] for name in results} == {name: mine[name] for name in results}
 
 
+@pytest.mark.usefixtures("cluster")
 def test_results_can_be_written_by_the_tasks_where_every_node_sees_the_folder(
-    cluster: Any, tmp_path: Path, progress: Any
+    tmp_path: Path, progress: Any
 ) -> None:
     run(toys("a", "b"), tmp_path / "driver", RayCluster(), progress)
     run(toys("a", "b"), tmp_path / "shared", RayCluster(shared=True), progress)
@@ -109,9 +110,8 @@ def test_results_can_be_written_by_the_tasks_where_every_node_sees_the_folder(
     assert not list(tmp_path.rglob(".token*"))
 
 
-def test_a_node_with_other_scenes_is_refused_by_name(
-    cluster: Any, tmp_path: Path, progress: Any
-) -> None:
+@pytest.mark.usefixtures("cluster")
+def test_a_node_with_other_scenes_is_refused_by_name(tmp_path: Path) -> None:
     (first, _) = toys("a")
     job, there = Job(first, RunFolder(tmp_path)), RayCluster()
     with pytest.raises(ConfigError, match=r"node \S+/\w{6} \(and \d more nodes\): 1 scenes, exp"):
