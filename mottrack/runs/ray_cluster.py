@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import socket
 import sys
 import tempfile
 import uuid
@@ -34,6 +35,8 @@ FRAMES_PER_MESSAGE = 10
 """Frames between two messages of progress: about one a second and task."""
 POLL_S = 0.5
 """Between two looks at the progress: as often as a person reads it."""
+CONNECT_S = 10.0
+"""A machine that lives answers within a second, in a cloud far away too."""
 WAITING_PER_SLOT = 1
 """Tasks that wait on the cluster beside each that runs, so that no slot idles while the driver
 writes a result; more would only hold memory and make an interruption slower."""
@@ -136,8 +139,9 @@ class RayCluster:
                     cpus = self.workers or available_cores()
                     ray.init("local", num_cpus=cpus, include_dashboard=False, **quiet)
                 else:
+                    _require_answer(self.address)
                     ray.init(self.address, **quiet)
-            except (ConnectionError, RuntimeError, ValueError) as error:
+            except (OSError, RuntimeError, ValueError) as error:
                 first = str(error).partition("\n")[0]
                 raise ConfigError(f"no Ray cluster at {self.address}: {first}") from error
         return ray
@@ -240,6 +244,18 @@ class _Driver:
             return  # the board is for the eye alone
         for scene, (done, total) in told.items():
             self.progress.frames(scene, done, total)
+
+
+def _require_answer(address: str) -> None:
+    """Connect to ``HOST:PORT`` and hang up: Ray itself waits for minutes where nobody answers.
+
+    Raises:
+        OSError: nobody answers.
+        ValueError: the port is no number.
+    """
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host:  # else it is "auto"
+        socket.create_connection((host, int(port)), timeout=CONNECT_S).close()
 
 
 def _environment() -> dict[str, Any]:

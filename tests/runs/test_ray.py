@@ -118,3 +118,30 @@ def test_a_node_with_other_scenes_is_refused_by_name(tmp_path: Path) -> None:
         there.check({job: ("a", "b")})
     other = replace(there, shared=True)
     other.check({job: ("a",)})
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:9", "ray://127.0.0.1:9", "nowhere:x"])
+def test_a_cluster_that_does_not_answer_is_told_at_once(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    with pytest.raises(ConfigError, match=f"no Ray cluster at {address}"):
+        _ = RayCluster(address).slots
+
+
+def test_an_interruption_cancels_what_runs_and_the_run_resumes(
+    cluster: Any, tmp_path: Path, progress: Any
+) -> None:
+    class Interrupts(type(progress)):
+        def scene_ends(self, _outcome: object) -> None:
+            raise KeyboardInterrupt
+
+    assert cluster.address
+    names = ("a", "b", "c", "d", "e", "f")
+    with pytest.raises(KeyboardInterrupt):
+        run(toys(*names), tmp_path / "ray", RayCluster(), Interrupts())
+    reports = run(toys(*names), tmp_path / "ray", RayCluster(), progress)
+    assert all(report.finished == names for report in reports)
+    assert any(report.resumed for report in reports)
+    run(toys(*names), tmp_path / "local", LocalPool(2), progress)
+    assert files_of(tmp_path / "ray") == files_of(tmp_path / "local")
