@@ -94,7 +94,7 @@ class ThreeNodes:
 def kills(options: argparse.Namespace, out: Path) -> list[dict[str, object]]:
     scenes, wanted = (6, 4) if options.quick else (40, 50)
     world = [f"dataset.scenes={scenes}", "dataset.duration_s=2", "flow=icp", "snapshots.scenes=0"]
-    run = ("run", "demo", "dataset={kind: faulty_plugins:FaultyWorld}", *world)
+    run = ("run", "demo", "dataset.kind=faulty_plugins:FaultyWorld", *world)
     timed("run", "demo", *world, "--out", str(out / "local"), "--workers", "2")
     expected = {k: v for k, v in results(out / "local").items() if not any(p in k for p in POISON)}
     there, done, rounds, random_ = ThreeNodes(NODES), dict.fromkeys(KINDS, 0), 0, random.Random(1)

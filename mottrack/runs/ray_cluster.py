@@ -101,8 +101,9 @@ class RayCluster:
                 node: ask.options(scheduling_strategy=on(node, soft=False)).remote(wanted)
                 for node in nodes
             }
-            require_met([_answer(ray, node, ref) for node, ref in asked.items()])
-            self._checked = frozenset(nodes)
+            answers = _answers(ray, asked)
+            require_met(list(answers.values()))
+            self._checked = frozenset(answers)
         finally:
             if token is not None:
                 token.unlink(missing_ok=True)
@@ -313,12 +314,22 @@ def _unmet(requirements: Requirements) -> tuple[str, str]:
     return _here(), requirements.unmet()
 
 
-def _answer(ray: Any, node: str, asked: Any) -> tuple[str, str]:
-    try:
-        answer: tuple[str, str] = ray.get(asked)
-    except ray.exceptions.RayError as error:
-        return node[:6], f"can't be checked: {_last_line(error)}"
-    return answer
+def _answers(ray: Any, asked: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """Return what each node lacks; a node that is lost meanwhile is left out.
+
+    Args:
+        ray: connected.
+        asked: node to its task.
+    """
+    found = {}
+    for node, ref in asked.items():
+        try:
+            found[node] = ray.get(ref)
+        except ray.exceptions.RayTaskError as error:
+            found[node] = node[:6], f"can't be checked: {_last_line(error)}"
+        except ray.exceptions.RayError:
+            continue
+    return found
 
 
 def _late(needs: _Needs) -> str:
