@@ -54,14 +54,21 @@ def train(
 
 
 def examples(
-    config: Config, overrides: Overrides = None, *, out: ExamplesOut = Path("out/examples")
+    config: Config,
+    overrides: Overrides = None,
+    *,
+    out: ExamplesOut = Path("out/examples"),
+    shard: Annotated[
+        str | None,
+        typer.Option("--shard", help="I/N: make a part; N machines share the folder of --out"),
+    ] = None,
 ) -> None:
     """Make the examples of a training run before it starts.
 
     Example: mottrack examples train_base --out out/examples
     """
     settings = _read(config, overrides or [])
-    typer.echo(str(_examples(settings.examples, out)))
+    typer.echo(str(_examples(settings.examples, out, shard)))
 
 
 def export(
@@ -128,9 +135,10 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
         raise ConfigError(f"{path}: {format_validation_error(error, TrainConfig)}") from error
 
 
-def _examples(config: ExamplesConfig, parent: Path) -> Path:
+def _examples(config: ExamplesConfig, parent: Path, shard: str | None = None) -> Path:
     """Make the examples; a later rank of torchrun waits for the first to have made them."""
     from mottrack.cli.work_bar import WorkBar
+    from mottrack.runs.shard import Shard
     from mottrack.studies.training_examples import await_examples, examples_folder, make_examples
 
     folder = examples_folder(config, parent)
@@ -138,5 +146,6 @@ def _examples(config: ExamplesConfig, parent: Path) -> Path:
         await_examples(folder)
     else:
         with WorkBar("examples", 0) as bar:
-            make_examples(config, folder, bar.shards)
+            part = None if shard is None else Shard.parse(shard)
+            make_examples(config, folder, bar.shards, part)
     return folder

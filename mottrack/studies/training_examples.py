@@ -31,6 +31,7 @@ from mottrack.flow.pillarflow.training.examples import (
     labels_from_tracks,
 )
 from mottrack.flow.pillarflow.training.shards import write_shard
+from mottrack.runs.shard import Shard
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
 
 SPLITS = ("validation", "training")
@@ -66,12 +67,17 @@ def examples_folder(config: ExamplesConfig, parent: Path) -> Path:
     return parent / f"examples-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
-def make_examples(config: ExamplesConfig, folder: Path, on_shard: OnShard) -> None:
+def make_examples(
+    config: ExamplesConfig, folder: Path, on_shard: OnShard, part: Shard | None = None
+) -> None:
     """Make the missing shards of a folder; an interrupted run is resumed.
 
-    `on_shard` is called with (done, total) at the start and after each shard.
+    `on_shard` is called with (done, total) at the start and after each shard. With a `part` of
+    I/N only every N-th shard is made, by one machine of N that share the folder: the last to end
+    declares it complete.
     """
-    jobs = [job for split in SPLITS for job in _jobs(config, folder, split)]
+    whole = [job for split in SPLITS for job in _jobs(config, folder, split)]
+    jobs = whole if part is None else whole[part.index - 1 :: part.count]
     missing = [job for job in jobs if not job.file.exists()]
     for split in SPLITS:
         (folder / split).mkdir(parents=True, exist_ok=True)
@@ -83,7 +89,8 @@ def make_examples(config: ExamplesConfig, folder: Path, on_shard: OnShard) -> No
             finished.result()
             done += 1
             on_shard(done, len(jobs))
-    (folder / COMPLETE).touch()
+    if all(job.file.exists() for job in whole):
+        (folder / COMPLETE).touch()
 
 
 def await_examples(folder: Path, poll_s: float = 1.0) -> None:

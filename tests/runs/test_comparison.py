@@ -19,10 +19,12 @@ from mottrack.report.page import write_report
 from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables, significance
 from mottrack.runs.differences import check_baseline, find_differences
+from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.runner import Execution
 from mottrack.runs.scored_run import ScoredRun
+from mottrack.runs.tasks import Progress
 from mottrack.runs.velocity_bench import VELOCITY, flow_values, plain_words
-from mottrack.runs.workers import Progress
 
 TREE = {
     "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a", "b", "poison", "c"]},
@@ -34,7 +36,12 @@ TREE = {
 @pytest.fixture(scope="module")
 def comparison(tmp_path_factory: pytest.TempPathFactory, progress: Progress) -> Comparison:
     runs = compose(TREE, [], Path("experiment.yaml"))
-    return run_comparison(runs, tmp_path_factory.mktemp("comparison"), workers=2, progress=progress)
+    return run_comparison(
+        runs,
+        tmp_path_factory.mktemp("comparison"),
+        execution=Execution(LocalPool(2)),
+        progress=progress,
+    )
 
 
 def test_runs_are_paired_over_the_scenes_that_both_have(comparison: Comparison) -> None:
