@@ -267,5 +267,7 @@ def test_the_studies_of_the_paper(mini: Rehearsal, tmp_path: Path, progress) -> 
     request = Request(tmp_path, quick=True, roots={"nuscenes": mini.root}, settings=settings)
     wanted = [study for study in studies(request) if study.dataset == "nuscenes"]
     assert {study.name for study in wanted if not study.reason} == {"flow", "tracking", "velocity"}
-    results = run_studies(wanted, tmp_path / "runs", workers=1, progress=progress)
+    results = run_studies(
+        wanted, tmp_path / "runs", execution=Execution(LocalPool(1)), progress=progress
+    )
     assert not results.failed
