@@ -27,6 +27,8 @@ from mottrack.objects.clusters import ClusterSource
 from mottrack.paper.plan import Request
 from mottrack.paper.results import run_studies
 from mottrack.paper.studies import studies
+from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.runner import Execution
 
 DETECTIONS = "detections/synthetic.json"
 DOCS = Path(__file__).resolve().parents[2] / "docs"
