@@ -24,3 +24,25 @@ Baseline = Annotated[
 ]
 FinishedRun = Annotated[Path, typer.Argument(help="folder of a finished run")]
 SceneName = Annotated[str | None, typer.Option("--scene", help="name (default: the first)")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        help="run on Ray: ray (this machine), auto, HOST:PORT or ray://HOST:PORT",
+    ),
+]
+Results = Annotated[
+    str,
+    typer.Option(
+        "--results",
+        help="on a cluster: driver (results are sent to it) or shared (--out is a folder that "
+        "every node sees)",
+    ),
+]
+ShardOf = Annotated[
+    str | None,
+    typer.Option("--shard", help="I/N: every N-th scene from number I on; then mottrack merge"),
+]
+CacheSize = Annotated[
+    float, typer.Option("--cache-gb", min=0.0, help="flow fields kept between runs; 0: none")
+]

@@ -19,7 +19,7 @@ def register(app: typer.Typer) -> None:
     app.command("submit")(submit)
 
 
-def synth(
+def synth(  # noqa: PLR0913
     out: Annotated[Path, typer.Argument(help="new folder for the data set")],
     *,
     scenes: Annotated[int, typer.Option(min=1, help="number of scenes")] = 2,
@@ -30,11 +30,22 @@ def synth(
     duration_s: Annotated[
         float, typer.Option("--duration", min=0.2, max=120.0, help="seconds a scene")
     ] = 20.0,
+    version: Annotated[
+        str | None, typer.Option(help="v1.0-trainval (default) or v1.0-mini; nuscenes only")
+    ] = None,
 ) -> None:
-    """Write the embedded world as a data set in a real format, with truth and detections."""
+    """Write the embedded world as a data set in a real format, with truth and detections.
+
+    The nuscenes format is a rehearsal of the real one: bicycle racks, returns of the ego vehicle's
+    body, a tilted LiDAR, velocities NaN where the detector gives none.
+
+    Example: mottrack synth out/world --format kitti --scenes 2
+    """
+    from mottrack.datasets.synthetic import SyntheticConfig
     from mottrack.datasets.writers import FORMATS, write_synthetic
 
-    names = write_synthetic(out, format_name, scenes, seed=seed, duration_s=duration_s)
+    world = SyntheticConfig(scenes=scenes, seed=seed, duration_s=duration_s)
+    names = write_synthetic(out, format_name, world, version)
     typer.echo(f"{out}: {len(names)} scenes in {format_name} format ({names[0]} .. {names[-1]})")
     typer.echo(f"detections: {out / FORMATS[format_name].detections}")
 
@@ -51,7 +62,10 @@ def check(
     every: Annotated[int, typer.Option(min=1, help="read only every so many-th sweep")] = 1,
     workers: Workers = 0,
 ) -> None:
-    """Report what is missing, damaged or out of order in a data set; exit code 3 if any."""
+    """Report what is missing, damaged or out of order in a data set; exit code 3 if any.
+
+    Example: mottrack check path/to/kitti_tracking
+    """
     from mottrack.core.errors import ConfigError
     from mottrack.core.processes import available_cores
     from mottrack.datasets.check import check_dataset, kind_of_folder
@@ -84,7 +98,10 @@ def submit(
     ] = None,
     split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
 ) -> None:
-    """Write the tracks of a run as a nuScenes tracking submission."""
+    """Write the tracks of a run as a nuScenes tracking submission.
+
+    Example: mottrack submit out/val --root path/to/nuscenes --out submission.json
+    """
     from mottrack.core.errors import DataError
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes

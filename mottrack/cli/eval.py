@@ -5,6 +5,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from mottrack.cli.capabilities import capabilities
+from mottrack.cli.sceneflow import sceneflow
+
 group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
@@ -12,6 +15,8 @@ Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 
 def register(app: typer.Typer) -> None:
     """Add the verbs to the application."""
+    group.command()(sceneflow)
+    group.command()(capabilities)
     app.add_typer(group, name="eval")
 
 
@@ -26,6 +31,10 @@ def nuscenes(  # noqa: PLR0913
         Literal["official", "fixed"],
         typer.Option(help="Gap filling: the devkit's swapped weights, or correct ones."),
     ] = "official",
+    arithmetic: Annotated[
+        Literal["recorded", "machine"],
+        typer.Option(help="Rounding of distances: the same everywhere, or the devkit's here."),
+    ] = "recorded",
     strict: Annotated[bool, typer.Option("--strict", help="Warnings are errors.")] = False,
     picture: Annotated[bool, typer.Option(help="Draw the recall curves.")] = True,
     bootstrap: Annotated[
@@ -39,14 +48,20 @@ def nuscenes(  # noqa: PLR0913
     ] = False,
     hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
 ) -> None:
-    """Compute the nuScenes tracking metrics (AMOTA, AMOTP, ...), equal to the devkit's."""
+    """Compute the nuScenes tracking metrics (AMOTA, ...), equal to the devkit's.
+
+    The velocity error of the tracks by category comes with them.
+    """
     from mottrack.eval.nuscenes import command
     from mottrack.eval.nuscenes.rules import Rules
+    from mottrack.pipeline.submission_velocity import velocity_report
 
-    rules = Rules(interpolation=interpolation)
+    rules = Rules(interpolation=interpolation, arithmetic=arithmetic)
     extras = command.Extras(picture, bootstrap, compare, error_classes, hota)
     request = command.Request(dataroot, version, split, submission, rules, strict)
     for text in command.evaluate(request, extras, out, warn=lambda t: typer.echo(t, err=True)):
+        typer.echo(text)
+    for text in velocity_report(request, compare, out):
         typer.echo(text)
 
 

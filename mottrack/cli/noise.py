@@ -20,6 +20,7 @@ Out = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the command of this module."""
     app.command("estimate-noise")(estimate_noise)
+    app.command("calibrate-errors")(calibrate_errors)
 
 
 def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None:
@@ -27,6 +28,8 @@ def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None
 
     The file that is written is a tracker group: put it into a folder `tracker` beside your
     experiment and name it there. A sweep over flow sources writes one file for each.
+
+    Example: mottrack estimate-noise demo flow=icp --out tracker/mine.yaml
     """
     from mottrack.core.storage import write_text
     from mottrack.experiment.experiment import load_experiments
@@ -40,6 +43,33 @@ def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None
         write_text(file, _yaml(study))
         typer.echo(_table(study))
         typer.echo(f"noise:  {file}\n")
+
+
+def calibrate_errors(
+    config: Config,
+    overrides: Sweep = None,
+    *,
+    out: Annotated[Path, typer.Option("--out", help="JSON file; its other sources are kept")],
+) -> None:
+    """Measure how the velocities of flow sources err: missed motions, outliers, R_d by class.
+
+    A sweep over sources adds an entry for each. Of a source of your own the entry's numbers are
+    settings of the tracker: tracker.velocity.relative and so on.
+    """
+    from mottrack.experiment.experiment import load_experiments
+    from mottrack.studies.velocity_errors import store, study_errors
+
+    for experiment in load_experiments(config, overrides or []):
+        study = study_errors(experiment, _progress)
+        store(study, out)
+        m = study.model
+        typer.echo(
+            f"{study.name}: relative {m.relative:.3f}, missed motion {m.p_missed_motion:.3f}, "
+            f"outliers {m.p_outlier:.3f}, R_d {dict(m.class_variances)['all']:.3f} (m/s)^2; "
+            f"{study.velocities} velocities, {study.moving} of movers; mean normalised square "
+            f"error {study.consistency:.2f} (1: the stated covariance is right)"
+        )
+    typer.echo(f"errors:  {out}")
 
 
 def _progress(scene: str, done: int, total: int) -> None:
@@ -72,8 +102,10 @@ def _table(study: NoiseStudy) -> str:
         v = study.velocity
         lines.append(
             f"R_d: {v.variance_m2ps2:.4f} (m/s)^2 from {v.measured} velocities, "
-            f"{v.outliers} outliers, bias {v.bias_mps[0]:+.3f} {v.bias_mps[1]:+.3f} m/s"
+            f"bias {v.bias_mps[0]:+.3f} {v.bias_mps[1]:+.3f} m/s"
         )
+        by_class = (f"{k} {x:.3f}" for k, x in sorted(v.class_variance_m2ps2.items()))
+        lines.append(f"R_d by class: {', '.join(by_class)}")
     for when, results in (("before", study.before), ("after", study.after)):
         for what, c in results.items():
             lines.append(

@@ -7,7 +7,16 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import EXIT_SCENES_FAILED, Workers
+from mottrack.cli.arguments import (
+    EXIT_SCENES_FAILED,
+    CacheSize,
+    Cluster,
+    Results,
+    ShardOf,
+    Workers,
+)
+from mottrack.cli.execution import Where
+from mottrack.cli.finished import show_shard
 
 Root = Annotated[Path | None, typer.Option(help="folder of the data set, to include it")]
 Settings = Annotated[
@@ -38,15 +47,18 @@ def paper(  # noqa: PLR0913
         Path | None, typer.Option(help="folder with weights of Table II: NAME/weights.safetensors")
     ] = None,
     workers: Workers = 0,
+    cluster: Cluster = None,
+    results: Results = "driver",
+    shard: ShardOf = None,
+    cache_gb: CacheSize = 0.0,
 ) -> None:
     """Reproduce every table, figure and claim of the paper, beside the printed values.
 
     Example: mottrack paper --quick --out out/paper
     """
-    from mottrack.core.processes import available_cores
     from mottrack.paper.page import write_paper
     from mottrack.paper.plan import Request
-    from mottrack.paper.results import run_studies
+    from mottrack.paper.results import execute, run_studies
     from mottrack.paper.studies import studies
     from mottrack.runs.terminal import TerminalProgress
 
@@ -54,11 +66,17 @@ def paper(  # noqa: PLR0913
     given = {name: root for name, root in roots.items() if root is not None}
     request = Request(out, quick, given, settings or (), ablation)
     wanted = studies(request)
+    execution = Where(workers, cluster, results, shard, cache_gb).execution()
+    runs = out / "runs"
     with TerminalProgress() as progress:
-        results = run_studies(
-            wanted, out / "runs", workers=workers or available_cores(), progress=progress
-        )
-    for text in write_paper(results, request):
+        if not execution.shard.whole:
+            reports, _ = execute(wanted, runs, execution=execution, progress=progress)
+        else:
+            found = run_studies(wanted, runs, execution=execution, progress=progress)
+    if not execution.shard.whole:
+        show_shard(execution.shard, reports.values(), out)
+        return
+    for text in write_paper(found, request):
         typer.echo(text)
-    if results.failed:
+    if found.failed:
         raise typer.Exit(EXIT_SCENES_FAILED)

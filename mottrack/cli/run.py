@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import EXIT_SCENES_FAILED, Baseline, Config, Sweep, Workers
+from mottrack.cli.arguments import (
+    Baseline,
+    CacheSize,
+    Cluster,
+    Config,
+    Results,
+    ShardOf,
+    Sweep,
+    Workers,
+)
+from mottrack.cli.execution import Where
+from mottrack.cli.finished import show_comparison, show_shard
 
 Out = Annotated[
     Path, typer.Option("--out", help="folder for results; an interrupted run in it is resumed")
@@ -22,27 +33,43 @@ def register(app: typer.Typer) -> None:
     app.command("list")(list_parts)
 
 
-def run(config: Config, overrides: Sweep = None, *, out: Out, workers: Workers = 0) -> None:
+def run(  # noqa: PLR0913
+    config: Config,
+    overrides: Sweep = None,
+    *,
+    out: Out,
+    workers: Workers = 0,
+    cluster: Cluster = None,
+    results: Results = "driver",
+    shard: ShardOf = None,
+    cache_gb: CacheSize = 0.0,
+) -> None:
     """Track every scene of an experiment and score the result; a sweep runs every combination.
 
     Example: mottrack run demo flow=icp dataset.scenes=1 --out out/first
     """
-    _run(config, overrides or [], out, workers)
+    where = Where(workers, cluster, results, shard, cache_gb)
+    _run(config, overrides or [], out, where)
 
 
-def compare(
+def compare(  # noqa: PLR0913
     config: Config,
     overrides: Sweep = None,
     *,
     out: Out,
     workers: Workers = 0,
     baseline: Baseline = None,
+    cluster: Cluster = None,
+    results: Results = "driver",
+    shard: ShardOf = None,
+    cache_gb: CacheSize = 0.0,
 ) -> None:
     """Run every combination, score it and test which differences are significant.
 
     Example: mottrack compare demo flow=zero,icp tracker=kalman,fixed_lag --out out/compare
     """
-    _run(config, overrides or [], out, workers, baseline)
+    where = Where(workers, cluster, results, shard, cache_gb)
+    _run(config, overrides or [], out, where, baseline)
 
 
 def demo(
@@ -56,7 +83,7 @@ def demo(
     Example: mottrack demo --quick
     """
     quick_overrides = ["dataset.scenes=1", "dataset.duration_s=4"] if quick else []
-    _run("demo", quick_overrides, out, workers)
+    _run("demo_clusters", quick_overrides, out, Where(workers))
 
 
 def list_parts(
@@ -78,24 +105,23 @@ def list_parts(
 
 
 def _run(
-    config: str, overrides: list[str], out: Path, workers: int, baseline: str | None = None
+    config: str, overrides: list[str], out: Path, where: Where, baseline: str | None = None
 ) -> None:
     from mottrack.experiment.experiment import load_experiments
-    from mottrack.formats.text_table import write_tables
-    from mottrack.report.page import write_report
-    from mottrack.runs.comparison import run_comparison
-    from mottrack.runs.comparison_tables import comparison_tables
-    from mottrack.runs.terminal import TerminalProgress, print_comparison
+    from mottrack.runs.comparison import comparison_jobs, run_comparison
+    from mottrack.runs.runner import run_jobs
+    from mottrack.runs.terminal import TerminalProgress
 
-    experiments = load_experiments(config, overrides)
+    experiments, execution = load_experiments(config, overrides), where.execution()
     with TerminalProgress() as progress:
-        comparison = run_comparison(
-            experiments, out, workers=workers, progress=progress, baseline=baseline
-        )
-    write_tables(comparison_tables(comparison), out / "tables")
-    print_comparison(comparison)
-    if any(run.finished for run in comparison.runs):
-        write_report(comparison, out / "report.html")
-        typer.echo(f"report:  {out / 'report.html'}")
-    if comparison.failed:
-        raise typer.Exit(EXIT_SCENES_FAILED)
+        if not execution.shard.whole:
+            jobs = comparison_jobs(experiments, out)
+            reports = run_jobs(jobs, execution=execution, progress=progress)
+        else:
+            comparison = run_comparison(
+                experiments, out, execution=execution, progress=progress, baseline=baseline
+            )
+    if execution.shard.whole:
+        show_comparison(comparison)
+    else:
+        show_shard(execution.shard, reports, out)

@@ -35,7 +35,10 @@ def train(
     out: Out,
     examples: Examples = Path("out/examples"),
 ) -> None:
-    """Train a PillarFlow network; under torchrun on all its processes."""
+    """Train a PillarFlow network; under torchrun on all its processes.
+
+    Example: mottrack train train_base steps=2000 --out runs/base
+    """
     from mottrack.cli.work_bar import WorkBar
     from mottrack.flow.pillarflow.training.shards import Shards
     from mottrack.flow.pillarflow.training.trainer import run
@@ -51,11 +54,21 @@ def train(
 
 
 def examples(
-    config: Config, overrides: Overrides = None, *, out: ExamplesOut = Path("out/examples")
+    config: Config,
+    overrides: Overrides = None,
+    *,
+    out: ExamplesOut = Path("out/examples"),
+    shard: Annotated[
+        str | None,
+        typer.Option("--shard", help="I/N: make a part; N machines share the folder of --out"),
+    ] = None,
 ) -> None:
-    """Make the examples of a training run before it starts."""
+    """Make the examples of a training run before it starts.
+
+    Example: mottrack examples train_base --out out/examples
+    """
     settings = _read(config, overrides or [])
-    typer.echo(str(_examples(settings.examples, out)))
+    typer.echo(str(_examples(settings.examples, out, shard)))
 
 
 def export(
@@ -63,7 +76,10 @@ def export(
     *,
     out: Annotated[Path, typer.Option("--out", help="the .onnx file to write")],
 ) -> None:
-    """Write the network behind the pillars as ONNX and check it in onnxruntime."""
+    """Write the network behind the pillars as ONNX and check it in onnxruntime.
+
+    Example: mottrack export base --out model.onnx
+    """
     from mottrack.core.grid import BevGrid
     from mottrack.flow.pillarflow.export import export_onnx
     from mottrack.flow.pillarflow.source import weights_path
@@ -79,7 +95,10 @@ def calibrate(
     *,
     pairs: Annotated[int, typer.Option("--pairs", min=2, help="held-out pairs")] = 60,
 ) -> None:
-    """Fit the covariance of trained weights to their errors on held-out pairs."""
+    """Fit the covariance of trained weights to their errors on held-out pairs.
+
+    Example: mottrack calibrate runs/base/weights.safetensors --pairs 60
+    """
     from mottrack.cli.work_bar import WorkBar
     from mottrack.studies.flow_calibration import calibrate_weights
 
@@ -116,9 +135,10 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
         raise ConfigError(f"{path}: {format_validation_error(error, TrainConfig)}") from error
 
 
-def _examples(config: ExamplesConfig, parent: Path) -> Path:
+def _examples(config: ExamplesConfig, parent: Path, shard: str | None = None) -> Path:
     """Make the examples; a later rank of torchrun waits for the first to have made them."""
     from mottrack.cli.work_bar import WorkBar
+    from mottrack.runs.shard import Shard
     from mottrack.studies.training_examples import await_examples, examples_folder, make_examples
 
     folder = examples_folder(config, parent)
@@ -126,5 +146,6 @@ def _examples(config: ExamplesConfig, parent: Path) -> Path:
         await_examples(folder)
     else:
         with WorkBar("examples", 0) as bar:
-            make_examples(config, folder, bar.shards)
+            part = None if shard is None else Shard.parse(shard)
+            make_examples(config, folder, bar.shards, part)
     return folder

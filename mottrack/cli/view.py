@@ -32,7 +32,10 @@ def view(
         Path | None, typer.Option("--save", help="write a .rrd file instead of opening a window")
     ] = None,
 ) -> None:
-    """Show the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
+    """Show the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth.
+
+    Example: mottrack view out/demo/icp
+    """
     from mottrack.runs.run_folder import StoredScene, pick_scene, stored_scenes
     from mottrack.viz.recording import Recording
 
@@ -59,7 +62,10 @@ def animate(
     ] = 40.0,
     speed: Speed = 1.0,
 ) -> None:
-    """Write a scene of a run as an animation seen from above."""
+    """Write a scene of a run as an animation seen from above.
+
+    Example: mottrack animate out/demo/icp --out scene.gif --reach 30
+    """
     from mottrack.runs.run_folder import StoredScene, pick_scene
     from mottrack.viz.bev import draw_key_frames, key_frame_period_s
 
@@ -76,7 +82,10 @@ def animate_map(
     scene: SceneName = None,
     speed: Speed = 1.0,
 ) -> None:
-    """Run DOGMa over a scene and write its map as an animation: free, occupied, moving cells."""
+    """Run DOGMa over a scene and write its map as an animation: free, occupied, moving cells.
+
+    Example: mottrack animate-map demo dataset.duration_s=8 --out map.gif
+    """
     from mottrack.core.errors import ConfigError
     from mottrack.experiment.experiment import load_experiments
     from mottrack.runs.runner import scene_names

@@ -14,7 +14,7 @@ from mottrack.core.frame import Frame
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.sweep import Sweep
-from mottrack.core.velocity_errors import FLOW_ERRORS, VelocityErrorModel
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 
 
 class TableEntry(NamedTuple):
@@ -54,11 +54,14 @@ class FlowSource(Protocol):
 
 
 class FlowSourceBase:
-    """Defaults of `FlowSource`, to inherit: two-frame flow that errs as learned flow does."""
+    """Defaults of `FlowSource`, to inherit: two-frame flow that errs as its covariance says.
+
+    `mottrack calibrate-errors` tells whether it does, and the error model if not.
+    """
 
     needs_sweeps: bool = True
     stateful: bool = False
-    error_model: VelocityErrorModel = FLOW_ERRORS
+    error_model: VelocityErrorModel = NO_OUTLIERS
 
     def reset(self) -> None:
         """Start a new scene; there is no state to forget."""

@@ -239,4 +239,6 @@ def _error_model(
         choose(model.relative for model in models),
         choose(model.p_missed_motion for model in models),
         choose(model.p_outlier for model in models),
+        # R_d by class belongs to one source alone
+        models[0].class_variances if all(m == models[0] for m in models) else (),
     )

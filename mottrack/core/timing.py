@@ -8,7 +8,7 @@ caller's context (thread or task), so two pipelines never collect each other's t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import wraps
@@ -21,6 +21,26 @@ Listener = Callable[[str, float], None]
 """Receives the name of a part and the seconds that it took."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+_charged_s: ContextVar[float] = ContextVar("charged_s", default=0.0)
+
+
+def clock_s() -> float:
+    """Return the time by which stages are measured: wall time, and what was charged to it."""
+    return time.perf_counter() + _charged_s.get()
+
+
+def charge(seconds: float, parts: Mapping[str, float]) -> None:
+    """Count work that was done before, for another run, as if it had been done now.
+
+    Args:
+        seconds: what the work took, its parts included.
+        parts: seconds of the parts that were timed within it.
+    """
+    _charged_s.set(_charged_s.get() + seconds)
+    listener = _listener.get()
+    if listener is not None:
+        for name, part_s in parts.items():
+            listener(name, part_s)
 
 
 def timed(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
-from mottrack.core.errors import InputError
+from mottrack.core.errors import DataError, InputError
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +24,9 @@ class VelocityErrorModel:
     """Probability that a moving object is measured as static."""
     p_outlier: float = 0.0
     """Probability that the velocity is another object's, or of nothing at all."""
+    class_variances: tuple[tuple[str, float], ...] = ()
+    """R_d by class in (m/s)^2 of one axis, measured on training scenes; the entry "all" is that of
+    the others. Empty: only each measurement's own covariance is known."""
 
     def __post_init__(self) -> None:
         for name in ("relative", "p_missed_motion", "p_outlier"):
@@ -30,12 +36,28 @@ class VelocityErrorModel:
             shares = f"{self.p_missed_motion} + {self.p_outlier}"
             raise InputError("p_missed_motion + p_outlier", shares, "less than 1")
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data, as `read_error_models` reads it."""
+        return asdict(self) | {"class_variances": dict(self.class_variances)}
+
 
 NO_OUTLIERS = VelocityErrorModel()
-"""A radar, a detector of known quality, the truth."""
-FLOW_ERRORS = VelocityErrorModel(relative=0.45, p_missed_motion=0.35, p_outlier=0.1)
-"""Learned or filtered flow, and the default of `FlowSourceBase`. Rounded from the max-likelihood
-fit to PillarFlow in the embedded world: 0.44, 0.38, 0 to 0.08 (docs/tracker.md)."""
-REGISTRATION_ERRORS = VelocityErrorModel(relative=0.6, p_missed_motion=0.02, p_outlier=0.1)
-"""Registration of points (ICP): it misses few motions, but may match the wrong points. Rounded from
-the fit to ICP: 0.64, 0.02, 0 to 0.08."""
+"""A radar, a detector of known quality, the truth, and a source that nobody calibrated."""
+
+
+def read_error_models(file: Path) -> dict[str, VelocityErrorModel]:
+    """Return the error models of a JSON file by the name of their source.
+
+    Raises:
+        DataError: the file is missing or holds something else.
+    """
+    try:
+        stored = json.loads(file.read_text(encoding="utf-8"))
+        return {
+            name: VelocityErrorModel(
+                **entry | {"class_variances": tuple(entry["class_variances"].items())}
+            )
+            for name, entry in stored.items()
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise DataError(file, "content", repr(error), "what calibrate-errors writes") from error

@@ -12,6 +12,7 @@ from mottrack.core import Objects, Pose, Truth, TruthTable, VelocityMeasurement
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.checks import Column, Columns
 from mottrack.core.pose import wrap_angle
+from mottrack.core.sweep import seconds_between
 from mottrack.core.tables import Table
 
 DETECTOR_VELOCITY_STD_MPS = 1.0
@@ -149,7 +150,7 @@ def centred_velocities(track_id: I64, stamp_ns: I64, position_m: F64) -> F64:
     here = np.arange(len(ids))
     before = np.where(np.concatenate([[False], same])[: len(ids)], here - 1, here)
     after = np.where(np.concatenate([same, [False]])[: len(ids)], here + 1, here)
-    elapsed_s = (stamps[after] - stamps[before]) * 1e-9
+    elapsed_s = seconds_between(stamps[before], stamps[after])
     sides = (after != here).astype(int) + (before != here).astype(int)
     known = (elapsed_s > 0.0) & (elapsed_s <= MAX_GAP_S * sides)
     velocity = np.full((len(ids), 2), np.nan)

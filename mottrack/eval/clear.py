@@ -5,16 +5,17 @@ enough, after a gap of any length; the rest is matched with as many pairs as pos
 least total distance.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.eval import arithmetic
 from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
-from mottrack.eval.pairs import Pairs
+from mottrack.eval.assignment import DENSE, groups, linear_sum_assignment
+from mottrack.eval.pairs import FrameRows, Pairs
 
 MISSES = ("late start", "gap", "early end", "never found")
 """Kinds of miss, see `miss_kinds`."""
@@ -83,23 +84,62 @@ class ClearCounts:
 def associate(pairs: Pairs) -> Association:
     """Match a sequence frame by frame. All listed pairs may be matched: gate them before."""
     count = len(pairs.truth)
-    out = Association(np.full(count, -1), np.zeros(count, np.bool_), np.full(count, np.nan))
+    track_row, distance = np.full(count, -1), np.full(count, np.nan)
     truth_id, track_id = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
     last = np.full(int(truth_id.max(initial=-1)) + 1, -1)
-    for rows in pairs.by_frame():
-        if rows.pairs.start == rows.pairs.stop:
+    plain = pairs.plain_frames()
+    objects, hypotheses = truth_id[pairs.truth_row], track_id[pairs.track_row]
+    settled = plain[pairs.frame]
+    track_row[pairs.truth_row[settled]] = pairs.track_row[settled]
+    distance[pairs.truth_row[settled]] = pairs.distance[settled]
+    frames = np.unique(pairs.frame)
+    for rows, one_each in zip(pairs.by_frame(frames), plain[frames].tolist(), strict=True):
+        if one_each:
+            last[objects[rows.pairs]] = hypotheses[rows.pairs]
             continue
-        distance = pairs.matrix(rows, pairs.distance, np.nan)
-        objects, hypotheses = truth_id[rows.truth], track_id[rows.tracks]
-        match = _match_frame(distance, last[objects], hypotheses)
-        hit = np.flatnonzero(match >= 0)
-        now, before = hypotheses[match[hit]], last[objects[hit]]
-        row = rows.truth.start + hit
-        out.switched[row] = (before >= 0) & (before != now)
-        out.track_row[row] = rows.tracks.start + match[hit]
-        out.distance[row] = distance[hit, match[hit]]
-        last[objects[hit]] = now
-    return out
+        for part in _parts(pairs, rows):
+            i, j = truth_id[rows.truth][part.row], track_id[rows.tracks][part.column]
+            match = _match_frame(part.distance, last[i], j)
+            hit = np.flatnonzero(match >= 0)
+            row = rows.truth.start + part.row[hit]
+            track_row[row] = rows.tracks.start + part.column[match[hit]]
+            distance[row] = part.distance[hit, match[hit]]
+            last[i[hit]] = j[match[hit]]
+    return Association(track_row, _switches(truth_id, track_id, track_row), distance)
+
+
+def _switches(truth_id: I64, track_id: I64, track_row: I64) -> Mask:
+    """Return whether each true box is matched with another identity than its object's last one."""
+    hit = np.flatnonzero(track_row >= 0)
+    hit = hit[np.argsort(truth_id[hit], kind="stable")]
+    now = track_id[track_row[hit]]
+    switched = np.zeros(len(truth_id), np.bool_)
+    switched[hit[1:]] = (truth_id[hit[1:]] == truth_id[hit[:-1]]) & (now[1:] != now[:-1])
+    return switched
+
+
+class _Part(NamedTuple):
+    """Boxes of a frame that are matched independently of the others."""
+
+    row: I64
+    """(g,) among the true boxes of the frame."""
+    column: I64
+    """(p,) among its track boxes."""
+    distance: F64
+    """(g, p) NaN where a pair must not be matched."""
+
+
+def _parts(pairs: Pairs, rows: FrameRows) -> Iterator[_Part]:
+    """Yield the whole frame; of a crowd the boxes that share pairs."""
+    i = np.arange(rows.truth.stop - rows.truth.start)
+    j = np.arange(rows.tracks.stop - rows.tracks.start)
+    if len(i) * len(j) <= DENSE:
+        yield _Part(i, j, pairs.matrix(rows, pairs.distance, np.nan))
+        return
+    row = pairs.truth_row[rows.pairs] - rows.truth.start
+    column = pairs.track_row[rows.pairs] - rows.tracks.start
+    for group in groups(row, column):
+        yield _Part(*group.matrix(pairs.distance[rows.pairs], np.nan))
 
 
 def _match_frame(distance: F64, last: I64, hypotheses: I64) -> I64:
@@ -116,13 +156,16 @@ def _match_frame(distance: F64, last: I64, hypotheses: I64) -> I64:
         if match[row] < 0 and col not in match:
             match[row] = col
     free_rows = np.flatnonzero(match < 0)
-    free_columns = np.setdiff1d(np.arange(distance.shape[1]), match)
-    rest = distance[np.ix_(free_rows, free_columns)]
-    if rest.size and not np.isnan(rest).all():
+    free = np.ones(distance.shape[1], np.bool_)
+    free[match[match >= 0]] = False
+    free_columns = np.flatnonzero(free)
+    rest = distance[free_rows[:, None], free_columns]
+    barred = np.isnan(rest)
+    if not barred.all():
         # more than all allowed pairs together, so that no match is given up for a lesser distance
         forbidden = 2.0 * min(rest.shape) * (np.nanmax(rest) + 1.0) + 1.0
-        i, j = linear_sum_assignment(np.where(np.isnan(rest), forbidden, rest))
-        allowed = ~np.isnan(rest[i, j])
+        i, j = linear_sum_assignment(np.where(barred, forbidden, rest))
+        allowed = ~barred[i, j]
         match[free_rows[i[allowed]]] = free_columns[j[allowed]]
     return match
 

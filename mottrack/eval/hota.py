@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64
 from mottrack.eval import arithmetic
+from mottrack.eval.assignment import most_gain
 from mottrack.eval.pairs import Pairs
 
 ALPHAS = np.arange(0.05, 0.99, 0.05)
@@ -55,10 +55,14 @@ def hota_counts(pairs: Pairs) -> HotaCounts:
     alignment = _alignment(pairs, truth_id, track_id)
     matched, similarity = _match(pairs, alignment, truth_id, track_id)
     sums = {name: np.zeros(len(ALPHAS)) for name in HotaCounts.__dataclass_fields__}
+    both, number = np.unique(matched[:, 0] * (len(track_length) + 1) + matched[:, 1], False, True)
+    first, second = np.divmod(both, len(track_length) + 1)
     for a, alpha in enumerate(ALPHAS):
         good = similarity >= alpha - _ROUNDING
-        ids, frames = np.unique(matched[good], axis=0, return_counts=True)
-        truth_frames, track_frames = truth_length[ids[:, 0]], track_length[ids[:, 1]]
+        every = np.bincount(number[good], minlength=len(both))
+        there = every > 0
+        frames = every[there]
+        truth_frames, track_frames = truth_length[first[there]], track_length[second[there]]
         hits = int(np.count_nonzero(good))
         sums["true_positives"][a] = hits
         sums["false_negatives"][a] = len(truth_id) - hits
@@ -71,29 +75,29 @@ def hota_counts(pairs: Pairs) -> HotaCounts:
 
 
 def _alignment(pairs: Pairs, truth_id: I64, track_id: I64) -> F64:
-    """Return the alignment score of every true with every tracked identity (section 5.2)."""
+    """Return the alignment score of the two identities of each pair (section 5.2), (P,)."""
     truth_length, track_length = np.bincount(truth_id), np.bincount(track_id)
     per_truth = np.bincount(pairs.truth_row, pairs.similarity, minlength=len(truth_id))
     per_track = np.bincount(pairs.track_row, pairs.similarity, minlength=len(track_id))
     union = per_truth[pairs.truth_row] + per_track[pairs.track_row] - pairs.similarity
-    potential = np.zeros((len(truth_length), len(track_length)))
-    where = (truth_id[pairs.truth_row], track_id[pairs.track_row])
-    np.add.at(potential, where, pairs.similarity / union)
-    return potential / (truth_length[:, None] + track_length[None, :] - potential)
+    first, second = truth_id[pairs.truth_row], track_id[pairs.track_row]
+    _, both = np.unique(first * (len(track_length) + 1) + second, return_inverse=True)
+    potential = np.bincount(both, pairs.similarity / union)[both]
+    return potential / (truth_length[first] + track_length[second] - potential)
 
 
 def _match(pairs: Pairs, alignment: F64, truth_id: I64, track_id: I64) -> tuple[I64, F64]:
     """Return matched identities (M, 2) and similarity (M,), the same for every alpha."""
-    matched, kept = [np.zeros((0, 2), np.int64)], [np.zeros(0)]
-    for rows in pairs.by_frame():
-        if rows.pairs.start == rows.pairs.stop:
-            continue
-        similarity = pairs.matrix(rows, pairs.similarity, 0.0)
-        objects, hypotheses = truth_id[rows.truth], track_id[rows.tracks]
-        i, j = linear_sum_assignment(-alignment[np.ix_(objects, hypotheses)] * similarity)
-        matched.append(np.stack([objects[i], hypotheses[j]], axis=1))
-        kept.append(similarity[i, j])
-    return np.concatenate(matched), np.concatenate(kept)
+    gain = alignment * pairs.similarity
+    plain = pairs.plain_frames()
+    chosen = plain[pairs.frame]
+    for rows in pairs.by_frame(np.flatnonzero(~plain)):
+        i = pairs.truth_row[rows.pairs] - rows.truth.start
+        j = pairs.track_row[rows.pairs] - rows.tracks.start
+        boxes = (rows.truth.stop - rows.truth.start, rows.tracks.stop - rows.tracks.start)
+        chosen[rows.pairs.start + most_gain(i, j, gain[rows.pairs], boxes)] = True
+    ids = [truth_id[pairs.truth_row[chosen]], track_id[pairs.track_row[chosen]]]
+    return np.stack(ids, axis=1), pairs.similarity[chosen]
 
 
 def total(counts: Iterable[HotaCounts]) -> HotaCounts:

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mottrack.eval import arithmetic
+from mottrack.eval.assignment import most_gain
 from mottrack.eval.pairs import Pairs
 
 
@@ -37,10 +37,13 @@ class IdentityCounts:
 def identity_counts(pairs: Pairs) -> IdentityCounts:
     """Return the counts of one sequence; every listed pair is an overlap: gate them before."""
     truth_id, track_id = pairs.truth.dense_ids(), pairs.tracks.dense_ids()
-    shared = np.zeros((truth_id.max(initial=-1) + 1, track_id.max(initial=-1) + 1))
-    np.add.at(shared, (truth_id[pairs.truth_row], track_id[pairs.track_row]), 1)
-    rows, columns = linear_sum_assignment(shared, maximize=True)
-    return IdentityCounts(int(shared[rows, columns].sum()), len(truth_id), len(track_id))
+    tracks = int(track_id.max(initial=-1)) + 1
+    key = truth_id[pairs.truth_row] * tracks + track_id[pairs.track_row]
+    both, shared = np.unique(key, return_counts=True)
+    shape = (int(truth_id.max(initial=-1)) + 1, tracks)
+    row, column = np.divmod(both, max(tracks, 1))
+    agreed = shared[most_gain(row, column, shared.astype(np.float64), shape)]
+    return IdentityCounts(int(agreed.sum()), len(truth_id), len(track_id))
 
 
 def total(counts: Iterable[IdentityCounts]) -> IdentityCounts:

@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import DataError
 from mottrack.core.storage import write_text
 from mottrack.eval import clear, hota, identity
-from mottrack.eval.pairs import BoxStream, Pairs, find_pairs, iou_gate, overlap
-from mottrack.formats.text_rows import finite_numbers, read_lines
+from mottrack.eval.assignment import linear_sum_assignment
+from mottrack.eval.pairs import BoxStream, Extended, Pairs, find_pairs, iou_gate, overlap
+from mottrack.formats.text_rows import EXACT_INTEGERS, finite_numbers, read_lines
 from mottrack.formats.text_table import aligned
-from mottrack.geometry.rectangles import rectangle_iou
+from mottrack.geometry.rectangles import rectangle_iou, rectangle_iou_of_pairs
 
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
@@ -58,9 +58,11 @@ class MotBoxes:
 
 def read_boxes(path: Path) -> MotBoxes:
     """Read a file; raises DataError that names the broken line or an identity twice in a frame."""
-    lines = enumerate(read_lines(path), 1)
-    rows = [_numbers(path, n, line) for n, line in lines if line.strip()]
-    values = np.array(rows, np.float64).reshape(-1, 8)
+    lines = read_lines(path)
+    values = _regular(lines)
+    if values is None:
+        rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip()]
+        values = np.array(rows, np.float64).reshape(-1, 8)
     values = values[np.argsort(values[:, 0], kind="stable")]
     boxes = MotBoxes(
         frame=values[:, 0].astype(np.int64),
@@ -71,6 +73,30 @@ def read_boxes(path: Path) -> MotBoxes:
     )
     _require_unique(path, boxes)
     return boxes
+
+
+def _regular(lines: list[str]) -> F64 | None:
+    """Return what `_numbers` does of all lines at once; None where they must be read one by one.
+
+    Lines of one length and finite numbers need no message.
+    """
+    if not any(lines):
+        return None
+    try:
+        values = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+    except ValueError:
+        return None
+    whole = values[:, :2]
+    if values.shape[1] < MIN_FIELDS or not np.isfinite(values).all():
+        return None
+    if (whole != np.floor(whole)).any() or (np.abs(whole) >= EXACT_INTEGERS).any():
+        return None
+    rows = np.full((len(values), 8), -1.0)
+    rows[:, :MIN_FIELDS] = values[:, :MIN_FIELDS]
+    rows[:, 6] = values[:, 6] if values.shape[1] > MIN_FIELDS else 1.0
+    if values.shape[1] == FIELDS_WITH_CLASS:
+        rows[:, 7] = values[:, 7]
+    return rows
 
 
 def _numbers(path: Path, line: int, text: str) -> list[float]:
@@ -85,9 +111,11 @@ def _numbers(path: Path, line: int, text: str) -> list[float]:
 
 
 def _require_unique(path: Path, boxes: MotBoxes) -> None:
-    pairs, counts = np.unique(np.stack([boxes.frame, boxes.id]), axis=1, return_counts=True)
-    if (counts > 1).any():
-        frame, identity = pairs[:, np.argmax(counts)]
+    order = np.lexsort((boxes.id, boxes.frame))
+    frames, ids = boxes.frame[order], boxes.id[order]
+    repeated = np.flatnonzero((frames[1:] == frames[:-1]) & (ids[1:] == ids[:-1]))
+    if repeated.size:
+        frame, identity = frames[repeated[0]], ids[repeated[0]]
         raise DataError(path, f"id {identity}", f"twice in frame {frame}", "each id once a frame")
 
 
@@ -171,7 +199,9 @@ def image_pairs(truth: MotBoxes, tracks: MotBoxes) -> Pairs:
     """Return all overlapping pairs of a sequence; frames without any box are left out."""
     listed = np.unique(np.concatenate([truth.frame, tracks.frame]))
     first, second = (BoxStream(np.searchsorted(listed, s.frame), s.id) for s in (truth, tracks))
-    return find_pairs(first, second, len(listed), overlap(rectangle_iou, truth.box, tracks.box))
+    true, said = (Extended(side.box, side.box[:, [0, 2]]) for side in (truth, tracks))
+    measure = overlap(rectangle_iou, true, said, rectangle_iou_of_pairs)
+    return find_pairs(first, second, len(listed), measure)
 
 
 def together(scores: Sequence[MotScores]) -> MotScores:

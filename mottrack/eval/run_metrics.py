@@ -83,7 +83,7 @@ def run_metrics(
     """
     memo = memo or Memo()
     scored = [memo(scored_part, result, common.config) for result in results]
-    metrics = dict(_velocity(results, common.config, memo)) | dict(_flow(scored))
+    metrics = dict(velocity_metrics(results, common.config, memo)) | dict(_flow(scored))
     sampled = {key: sample(metric, common.weights) for key, metric in metrics.items()}
     return _tracking(scored, common, memo) | sampled
 
@@ -115,9 +115,11 @@ def _pooled(
     yield ids_key, Sum(_column(c.switches for c in counts))
 
 
-def _velocity(
-    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo
+def velocity_metrics(
+    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo | None = None
 ) -> Iterator[tuple[MetricKey, Metric]]:
+    """Yield mean and tail of the velocity error of every category that has tracks."""
+    memo = memo or Memo()
     parts = [memo(scored_part, result, config, truth=False) for result in results]
     samples = [memo(velocity_samples, part, config.velocity) for part in parts]
     declared = {name for result in results for name in result.classes}

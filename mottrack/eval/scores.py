@@ -19,10 +19,12 @@ from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
 from mottrack.eval.memo import Memo
-from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
+from mottrack.eval.nuscenes.metrics import Curves, Metrics, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.nuscenes.racks import outside_racks
 from mottrack.eval.pairs import (
     BoxStream,
+    Extended,
     Measure,
     Pairs,
     centre_distance,
@@ -186,14 +188,33 @@ def _tracking(
     except InputError:  # nothing in range on one side: only counts are defined
         return _class_scores(results, pooled, config), {}
     classes = {}
-    for label, range_m in zip(rules.classes, rules.ranges_m, strict=True):
-        score_filter = ScoreFilter(label, best_threshold(official.curves[label], config), range_m)
+    for score_filter in _filters(official, config):
         counted = _class_scores(results, score_filter, config)
-        own = official.classes[label]
-        classes[label] = replace(counted, amota=own["amota"], amotp_m=own["amotp"])
+        own = official.classes[score_filter.label]
+        classes[score_filter.label] = replace(counted, amota=own["amota"], amotp_m=own["amotp"])
     together = _together(classes.values(), config)
     total = official.total
     return replace(together, amota=total["amota"], amotp_m=total["amotp"]), classes
+
+
+def _filters(official: Metrics, config: ScoreConfig) -> list[ScoreFilter]:
+    """Return which boxes of each class its figures are made of."""
+    rules = official.rules
+    return [
+        ScoreFilter(label, best_threshold(official.curves[label], config), range_m)
+        for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
+    ]
+
+
+def score_filters(results: Sequence[SceneResult], config: ScoreConfig) -> list[ScoreFilter]:
+    """Return which boxes the scores of a run are made of: per class, or of all classes at once."""
+    if config.class_agnostic or not class_aware(results):
+        return [ScoreFilter("")]
+    rules = rules_for(counted_labels(results))
+    try:
+        return _filters(evaluate_prepared(prepare_results(results, rules), rules), config)
+    except InputError:
+        return [ScoreFilter("")]
 
 
 def class_aware(results: Iterable[SceneResult]) -> bool:
@@ -221,11 +242,7 @@ def best_threshold(curves: Curves, config: ScoreConfig) -> float:
 
 def scene_pairs(result: SceneResult, score_filter: ScoreFilter, config: ScoreConfig) -> Pairs:
     """Return the candidate pairs of a scene for one class; every class where the label is empty."""
-    truth = _rows(result.truth.select(_seen(result.truth)), score_filter.label)
-    tracks = _rows(result.tracks, score_filter.label)
-    truth = truth.select(_near(result, truth, score_filter.range_m))
-    tracks = tracks.select(_near(result, tracks, score_filter.range_m))
-    tracks = tracks.select(_track_means(tracks) >= score_filter.threshold - ROUNDING)
+    truth, tracks = selected(result, score_filter)
     return find_pairs(
         BoxStream(truth.frame, truth.id),
         BoxStream(tracks.frame, tracks.id),
@@ -234,11 +251,27 @@ def scene_pairs(result: SceneResult, score_filter: ScoreFilter, config: ScoreCon
     )
 
 
+def selected(result: SceneResult, score_filter: ScoreFilter) -> tuple[TruthTable, TrackTable]:
+    """Return the true boxes and the track boxes that count, in order of their frame."""
+    counted = _seen(result.truth) & outside_racks(result.truth, result.truth)
+    truth = _rows(result.truth.select(counted), score_filter.label)
+    evaluated = outside_racks(result.tracks, result.truth)
+    tracks = _rows(result.tracks.select(evaluated), score_filter.label)
+    truth = truth.select(_near(result, truth, score_filter.range_m))
+    tracks = tracks.select(_near(result, tracks, score_filter.range_m))
+    return truth, tracks.select(_track_means(tracks) >= score_filter.threshold - ROUNDING)
+
+
 def _measure(truth: TruthTable, tracks: TrackTable, config: ScoreConfig) -> Measure:
     if config.match_by == "distance":
         return centre_distance(truth.centre_m, tracks.centre_m, config.match_distance_m)
-    boxes = [boxes7(table.centre_m, table.size_m, table.yaw_rad) for table in (truth, tracks)]
-    return overlap(iou_3d, boxes[0], boxes[1])
+    return overlap(iou_3d, _extended(truth), _extended(tracks))
+
+
+def _extended(table: TruthTable | TrackTable) -> Extended:
+    reach_m = np.hypot(table.size_m[:, 0], table.size_m[:, 1])[:, None] / 2  # at any heading
+    boxes = boxes7(table.centre_m, table.size_m, table.yaw_rad)
+    return Extended(boxes, table.centre_m[:, :1] + reach_m * np.array([-1.0, 1.0]))
 
 
 def _near(result: SceneResult, table: TruthTable | TrackTable, range_m: float) -> Mask:

@@ -18,7 +18,6 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
-from mottrack.core.velocity_errors import REGISTRATION_ERRORS
 from mottrack.flow.registration.components import connected_cells
 from mottrack.flow.registration.matcher import Labels, MatchConfig, Matcher
 from mottrack.flow.registration.motion_test import (
@@ -27,6 +26,7 @@ from mottrack.flow.registration.motion_test import (
     is_moving,
     move_fragments,
 )
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
 from mottrack.flow.sweep_pair import SweepPair, flow_field
 
@@ -46,7 +46,7 @@ class ClusterIcpFlow(FlowSourceBase):
     """Velocity of each connected component by registration from many starts."""
 
     Config = ClusterIcpConfig
-    error_model = REGISTRATION_ERRORS
+    error_model = shipped_errors("cluster_icp")
 
     def __init__(
         self, config: ClusterIcpConfig | None = None, *, grid: BevGrid | None = None

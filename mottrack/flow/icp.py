@@ -24,7 +24,7 @@ from mottrack.core.motion import FlowField
 from mottrack.core.objects import Boxes
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.core.velocity_errors import REGISTRATION_ERRORS
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds, flow_field, obstacle_points
 from mottrack.lidar.in_boxes import points_in_boxes
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, first_in_voxel
@@ -81,11 +81,12 @@ class IcpFlow(FlowSourceBase):
     """Velocity of each box's points by registration to the previous, ego-aligned sweep."""
 
     Config = IcpConfig
-    error_model = REGISTRATION_ERRORS
 
     def __init__(self, config: IcpConfig | None = None, *, grid: BevGrid | None = None) -> None:
         self.config = config or IcpConfig()
         self.grid = grid or BevGrid()
+        self.errors_name = "icp" if self.config.starts > 1 else "icp_one_start"
+        self.error_model = shipped_errors(self.errors_name)
         self._ground = self.config.ground.reaching(self.grid)
         self._boxes: Boxes | None = None
         self._last: _Measured | None = None

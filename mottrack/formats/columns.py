@@ -14,7 +14,7 @@ from mottrack.core.arrays import F64, Mask
 from mottrack.core.errors import DataError
 from mottrack.formats.faults import OutOfOrderError
 
-_DTYPES: dict[type, Any] = {int: np.int64, float: np.float64, str: np.str_}
+_DTYPES: dict[type, Any] = {int: np.int64, float: np.float64, str: np.str_, bool: np.bool_}
 
 
 @dataclass(frozen=True)
@@ -22,19 +22,19 @@ class ColumnSpec:
     """What a column must hold.
 
     name: as the file and error messages call it.
-    kind: integers of 64 bits, finite numbers, or text.
+    kind: integers of 64 bits, finite numbers, text, or true and false.
     width: length of the list of numbers in each row; 0 for a single value.
     """
 
     name: str
-    kind: type[int] | type[float] | type[str] = float
+    kind: type[int] | type[float] | type[str] | type[bool] = float
     width: int = 0
 
     @property
     def expected(self) -> str:
         """What a value must be, for an error message."""
-        if self.kind is str:
-            return "text"
+        if self.kind in (str, bool):
+            return "text" if self.kind is str else "true or false"
         what = "integer" if self.kind is int else "number"
         return f"{self.width} finite {what}s" if self.width else f"a finite {what}"
 

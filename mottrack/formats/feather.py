@@ -15,14 +15,24 @@ from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.faults import NonFiniteError
 from mottrack.formats.files import read_bytes
 
+_DTYPE_KINDS: dict[type, str] = {int: "iu", float: "iuf", bool: "b"}
+"""numpy's kinds of array that a column may be stored as."""
 
-def read_feather_columns(path: Path, columns: tuple[ColumnSpec, ...]) -> Columns:
+
+def read_feather_columns(
+    path: Path, columns: tuple[ColumnSpec, ...], data: bytes | None = None
+) -> Columns:
     """Return the named columns of single values; others are ignored.
+
+    Args:
+        path: the file.
+        columns: what is read.
+        data: content of the file where it lies in an archive; else it is read.
 
     Raises:
         DataError: missing or damaged file, missing column, a value of another kind.
     """
-    table = _table(path)
+    table = _table(path, read_bytes(path) if data is None else data)
     arrays = {}
     for column in columns:
         count = table.column_names.count(column.name)
@@ -37,9 +47,9 @@ def _place(name: str, row: int) -> str:
     return f"{name} of row {row}"
 
 
-def _table(path: Path) -> pa.Table:
+def _table(path: Path, data: bytes) -> pa.Table:
     try:
-        table = pyarrow.feather.read_table(pa.BufferReader(read_bytes(path)))
+        table = pyarrow.feather.read_table(pa.BufferReader(data))
         table.validate(full=True)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -57,8 +67,13 @@ def _array(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
             raise DataError(path, name, str(values.type), "text")
         return column.array(strings)
     array: NDArray[Any] = values.to_numpy()
-    if array.dtype.kind not in ("iu" if column.kind is int else "iuf"):
+    if array.dtype.kind not in _DTYPE_KINDS[column.kind]:
         raise DataError(path, name, str(values.type), column.expected)
+    return array if column.kind is bool else _numbers(path, array, column)
+
+
+def _numbers(path: Path, array: NDArray[Any], column: ColumnSpec) -> NDArray[Any]:
+    name = column.name
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise NonFiniteError(path, _place(name, bad[0]), float(array[bad[0]]), "a finite number")

@@ -17,7 +17,7 @@ from mottrack.formats.files import read_text
 _INTEGER = re.compile(r"[-+]?[0-9]{1,25}")
 """64 bits need 19 digits; the others leave room for leading zeros."""
 _INT64 = np.iinfo(np.int64)
-_EXACT_INTEGERS = 2**53
+EXACT_INTEGERS = 2**53
 """Below it every integer has a float64 of its own."""
 
 
@@ -75,7 +75,7 @@ def finite_numbers(path: Path, line: int, fields: Sequence[str]) -> list[float]:
     """
     numbers = [_number(path, f"line {line}", field) for field in fields]
     for name, number in zip(("frame", "id"), numbers, strict=False):
-        if not (number.is_integer() and abs(number) < _EXACT_INTEGERS):
+        if not (number.is_integer() and abs(number) < EXACT_INTEGERS):
             raise DataError(path, _place(name, line), number, "a whole number")
     return numbers
 

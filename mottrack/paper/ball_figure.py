@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from mottrack.core.arrays import F64, I64
 from mottrack.core.snapshot import ObjectTable
+from mottrack.core.sweep import seconds_between
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval.velocity_error import VelocityErrorConfig
 from mottrack.geometry.iou import bev_intersection, boxes7
@@ -39,7 +40,7 @@ def draw_ball(runs: dict[str, StoredScene]) -> tuple[Figure, str] | None:
     rows = [sum(len(tracked(run, ball).frame) for run in runs.values()) for ball in balls]
     if not any(rows):
         return None
-    ball, seconds = balls[int(np.argmax(rows))], (stamp_ns - stamp_ns[0]) * 1e-9
+    ball, seconds = balls[int(np.argmax(rows))], seconds_between(stamp_ns[0], stamp_ns)
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     above, speeds = figure.subplots(1, 2)
     _draw_scene(above, first, ball)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.eval.velocity_error import OTHER
+from mottrack.formats.strict_json import strict
 from mottrack.paper.published import LABELS, NONE, PILLARFLOW, TABLES, Published
 
 Verdict = Literal["reproduced", "not reproduced", "reversed", "undecided", "not measured"]
@@ -91,8 +92,7 @@ class Finding:
             "low": found.low,
             "high": found.high,
         }
-        finite = {name: None if x != x else x for name, x in numbers.items()}
-        return {**plain, **finite, "scenes": found.scenes}
+        return {**plain, **strict(numbers), "scenes": found.scenes}
 
 
 def claims() -> list[Claim]:

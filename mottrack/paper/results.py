@@ -32,10 +32,11 @@ from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, verdict_of
 from mottrack.paper.plan import Study
 from mottrack.runs.differences import Resamples, sample_runs
+from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Job, RunReport, run_jobs
+from mottrack.runs.runner import Execution, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
-from mottrack.runs.workers import Progress
+from mottrack.runs.tasks import Job, Progress
 
 WARM_UP_FRAMES = 3
 """The first flows of a scene compile and allocate; they are left out of the runtime."""
@@ -113,31 +114,47 @@ class Results:
 
 
 def run_studies(
-    studies: Sequence[Study], out: Path, *, workers: int, progress: Progress
+    studies: Sequence[Study], out: Path, *, execution: Execution, progress: Progress
 ) -> Results:
     """Run every scene of every study that has no result yet; the runtime study last and alone.
 
     Raises:
         ConfigError: a folder belongs to another configuration, other weights or other code.
     """
-    together = [study for study in studies if study.name != RUNTIME]
-    reports = _run(together, out, workers, progress)
-    machines: list[str] = []
-    for study in studies:
-        if study.name == RUNTIME:
-            folder = out / study.folder
-            timed = _run([study], out, 1, progress)
-            if any(report.resumed < len(report.finished) for report in timed.values()):
-                _record_machine(folder)
-            machines += _machines(folder)
-            reports |= timed
+    reports, machines = execute(studies, out, execution=execution, progress=progress)
     return Results(tuple(_result(study, out, reports) for study in studies), tuple(machines))
 
 
 Reports = dict[tuple[Path, str], RunReport]
 
 
-def _run(studies: Sequence[Study], out: Path, workers: int, progress: Progress) -> Reports:
+def execute(
+    studies: Sequence[Study], out: Path, *, execution: Execution, progress: Progress
+) -> tuple[Reports, list[str]]:
+    """Run the scenes of the studies without looking at the results: all that a shard does.
+
+    Returns:
+        The reports by folder and variant, and the machines that the runtimes were measured on.
+
+    Raises:
+        ConfigError: as `run_studies`.
+    """
+    alone = Execution(LocalPool(1), execution.shard, share=False)
+    together = [study for study in studies if study.name != RUNTIME]
+    reports = _run(together, out, execution, progress)
+    machines: list[str] = []
+    for study in studies:
+        if study.name == RUNTIME:
+            folder = out / study.folder
+            timed = _run([study], out, alone, progress)
+            if any(report.resumed < len(report.finished) for report in timed.values()):
+                _record_machine(folder)
+            machines += _machines(folder)
+            reports |= timed
+    return reports, machines
+
+
+def _run(studies: Sequence[Study], out: Path, execution: Execution, progress: Progress) -> Reports:
     names = [(study.folder, run.variant) for study in studies for run in study.runs]
     runs = [run for study in studies for run in study.runs]
     jobs = [
@@ -145,7 +162,7 @@ def _run(studies: Sequence[Study], out: Path, workers: int, progress: Progress) 
         for run, (folder, variant) in zip(runs, names, strict=True)
     ]
     title = "runtime" if studies[0].name == RUNTIME else "paper"
-    reports = run_jobs(jobs, workers=workers, progress=progress, title=title)
+    reports = run_jobs(jobs, execution=execution, progress=progress, title=title)
     return dict(zip(names, reports, strict=True))
 
 

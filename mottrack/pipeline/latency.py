@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ import numpy as np
 
 from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError, ResultError
-from mottrack.core.timing import collect_timings
+from mottrack.core.timing import clock_s, collect_timings
 from mottrack.formats.text_table import aligned
 
 TOTAL = "total"
@@ -32,10 +31,10 @@ class Stopwatch:
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a ``with`` block as ``stage``, and its parts as ``stage.part``."""
-        start = time.perf_counter()
+        start = clock_s()
         with collect_timings(lambda part, seconds: _add(self._lap, f"{stage}.{part}", seconds)):
             yield
-        seconds = time.perf_counter() - start
+        seconds = clock_s() - start
         _add(self._frames[-1], stage, seconds)
         _add(self._lap, stage, seconds)
 

@@ -1,15 +1,17 @@
-"""The main loop over the frames of one scene."""
+"""The main loop over the frames of one scene, for one run or for several that share its sweeps."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from mottrack.core.errors import DataError
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import DetectedScene, GroundMap, Scene
+from mottrack.core.interfaces import DetectedScene, FlowSource, GroundMap, Scene
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
@@ -18,11 +20,14 @@ from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_sampler import FlowSampler
 from mottrack.pipeline.latency import StepTimes
+from mottrack.pipeline.once import SharedFlow, SharedFrames, SharedObjects
 from mottrack.pipeline.snapshots import SnapshotRecorder
-from mottrack.pipeline.stream import Pipeline
+from mottrack.pipeline.stream import Perception, Pipeline, make_flow
 
 OnFrame = Callable[[int, int], None]
 """Called after each frame with the number of frames that are done, and of all."""
+MakeFlow = Callable[[Experiment], FlowSource]
+R = TypeVar("R")
 DEFAULT_PERIOD_S = 0.1
 """Latency budget of a scene of one frame: the period of a 10 Hz LiDAR."""
 
@@ -35,6 +40,15 @@ class SceneRun:
     snapshots: list[Snapshot]
     times: StepTimes
     """Of every step; the period is the median time between two frames of the scene."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """One run among those that go through a scene together."""
+
+    experiment: Experiment
+    keep_snapshots: bool = True
+    """Whether the key frames are kept for pictures."""
 
 
 def run_scene(
@@ -55,35 +69,145 @@ def run_scene(
     Raises:
         MottrackError: the data are damaged, or a part refuses its input.
     """
-    pipeline = Pipeline(experiment)
-    if isinstance(scene, GroundMap):
-        pipeline.use_ground(scene)
-    sampler = FlowSampler.of(experiment.settings, has_sweeps=scene.has_sweeps)
-    recorder = SnapshotRecorder(experiment.settings.snapshots.points, enabled=keep_snapshots)
-    reads_sweeps = sampler.enabled or pipeline.needs_sweeps
-    frames: list[Frame] = []
-    steps: list[Tracks] = []
-    stamps_ns: list[int] = []
+    (run,) = run_together([Member(experiment, keep_snapshots)], scene, on_frame)
+    if isinstance(run, Exception):
+        raise run
+    return run
+
+
+def run_together(
+    members: Sequence[Member],
+    scene: Scene,
+    on_frame: OnFrame | None = None,
+    make_flow: MakeFlow = make_flow,
+) -> list[SceneRun | Exception]:
+    """Run one scene for several experiments in lockstep, frame by frame.
+
+    Each sweep is read once, each flow and each object source that several have in common computes
+    once. The results are those of each run alone; so are the times, which each run is charged with.
+
+    Args:
+        members: on the same data set.
+        scene: the scene, opened.
+        on_frame: receives the progress after each frame.
+        make_flow: constructs the flow source of an experiment.
+
+    Returns:
+        Per member its results, or the error that ended it: the others continue.
+    """
+    shared = SharedParts(scene, make_flow)
+    loops: list[SceneLoop | Exception] = [
+        _attempt(SceneLoop, member, scene, shared) for member in members
+    ]
     for index in range(len(scene)):
-        with pipeline.watch("read"):
-            frame = scene.frame(index)
-            sweep = scene.sweep(index) if reads_sweeps else None
-        stamps_ns.append(frame.stamp_ns)
-        _check_detections(pipeline, scene, frame)
-        sampler.observe(frame)
-        step = pipeline.step(frame, sweep)
-        if step.tracks is not None:
-            sampler.collect(frame, step, len(frames))
-            recorder.take(len(frames), sweep, step.field, step.objects)
-            steps.append(step.tracks)
-            frames.append(frame)
-            pipeline.watch.next_frame()
+        loops = [_attempt(x.step, index) if isinstance(x, SceneLoop) else x for x in loops]
+        if all(isinstance(loop, Exception) for loop in loops):
+            break
         if on_frame is not None:
             on_frame(index + 1, len(scene))
-    result = _result(scene, frames, pipeline.finish(steps), sampler.samples())
-    result = replace(result, timings_s=pipeline.watch.seconds())
-    times = pipeline.step_times(median_period_s(stamps_ns, DEFAULT_PERIOD_S))
-    return SceneRun(result, recorder.snapshots, times)
+    return [_attempt(loop.finish) if isinstance(loop, SceneLoop) else loop for loop in loops]
+
+
+def _attempt(function: Callable[..., R], *arguments: object) -> R | Exception:
+    """Return the function's value, or its error: only this run fails, whatever the error."""
+    try:
+        return function(*arguments)
+    except Exception as error:  # noqa: BLE001
+        return error
+
+
+class SharedParts:
+    """What the runs of one scene share: its frames, and parts of equal settings."""
+
+    def __init__(self, scene: Scene, make_flow: MakeFlow) -> None:
+        self.frames = SharedFrames(scene)
+        self._make_flow, self._has_sweeps = make_flow, scene.has_sweeps
+        self._flows: dict[str, SharedFlow] = {}
+        self._objects: dict[tuple[str, bool], SharedObjects] = {}
+
+    def of(self, experiment: Experiment) -> Perception:
+        """Return the flow and the object source of an experiment, made where first asked for.
+
+        Raises:
+            MottrackError: one can't be made.
+        """
+        key = flow_identity(experiment)
+        if key not in self._flows:
+            self._flows[key] = SharedFlow(self._make_flow(experiment))
+        flow, source = self._flows[key], experiment.objects.make()
+        sampled = experiment.settings.score_flow and self._has_sweeps
+        # a run that reads no sweeps calls the source with other arguments: it has one of its own
+        reads = sampled or flow.needs_sweeps or source.needs_sweeps
+        objects_key = (as_text(experiment.objects.resolved()), reads)
+        return Perception(flow, self._objects.setdefault(objects_key, SharedObjects(source)))
+
+
+class SceneLoop:
+    """One run on its way through a scene."""
+
+    def __init__(self, member: Member, scene: Scene, shared: SharedParts) -> None:
+        """Start a scene.
+
+        Raises:
+            MottrackError: a part can't be made.
+        """
+        settings = member.experiment.settings
+        self._scene, self._frames = scene, shared.frames
+        self._pipeline = Pipeline(member.experiment, parts=shared.of(member.experiment))
+        if isinstance(scene, GroundMap):
+            self._pipeline.use_ground(scene)
+        self._sampler = FlowSampler.of(settings, has_sweeps=scene.has_sweeps)
+        self._recorder = SnapshotRecorder(settings.snapshots.points, enabled=member.keep_snapshots)
+        self._reads_sweeps = self._sampler.enabled or self._pipeline.needs_sweeps
+        self._keys: list[Frame] = []
+        self._steps: list[Tracks] = []
+        self._stamps_ns: list[int] = []
+
+    def step(self, index: int) -> Self:
+        """Process the next frame.
+
+        Raises:
+            MottrackError: the data are damaged, or a part refuses its input.
+        """
+        pipeline, row = self._pipeline, len(self._keys)
+        with pipeline.watch("read"):
+            frame = self._frames.frame(index)
+            sweep = self._frames.sweep(index) if self._reads_sweeps else None
+        self._stamps_ns.append(frame.stamp_ns)
+        _check_detections(pipeline, self._scene, frame)
+        self._sampler.observe(frame)
+        step = pipeline.step(frame, sweep)
+        if step.tracks is not None:
+            self._sampler.collect(frame, step, row)
+            self._recorder.take(row, sweep, step.field, step.objects)
+            self._steps.append(step.tracks)
+            self._keys.append(frame)
+            pipeline.watch.next_frame()
+        return self
+
+    def finish(self) -> SceneRun:
+        """Return the results after the last frame.
+
+        Raises:
+            ConfigError: the tracker does not support what its settings ask for.
+        """
+        steps, samples = self._pipeline.finish(self._steps), self._sampler.samples()
+        result = _result(self._scene, self._keys, steps, samples)
+        result = replace(result, timings_s=self._pipeline.watch.seconds())
+        period_s = median_period_s(self._stamps_ns, DEFAULT_PERIOD_S)
+        return SceneRun(result, self._recorder.snapshots, self._pipeline.step_times(period_s))
+
+
+def flow_identity(experiment: Experiment) -> str:
+    """Return the settings that decide a flow field, as text: runs of equal ones share it."""
+    settings = experiment.settings
+    chosen = settings.model_dump(mode="json", include={"grid", "pair_s", "max_pair_s"})
+    return as_text({"flow": experiment.flow.resolved(), **chosen})
+
+
+def as_text(settings: Mapping[str, Any]) -> str:
+    """Return settings as text: the same for the same values."""
+    return json.dumps(settings, sort_keys=True, default=str)
 
 
 def _check_detections(pipeline: Pipeline, scene: Scene, frame: Frame) -> None:

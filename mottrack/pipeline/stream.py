@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
@@ -25,6 +24,7 @@ from mottrack.core.motion import FlowField, VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
+from mottrack.core.timing import clock_s
 from mottrack.experiment.experiment import Experiment, load_to_stream
 from mottrack.objects.velocity import measure_velocity
 from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes, Stopwatch
@@ -37,6 +37,13 @@ class Pair(NamedTuple):
 
     previous: Sweep
     current: Sweep
+
+
+class Perception(NamedTuple):
+    """The parts in front of the tracker."""
+
+    flow: FlowSource
+    objects: ObjectSource
 
 
 @dataclass(frozen=True)
@@ -65,19 +72,22 @@ class Pipeline:
         print(pipeline.latency())
     """
 
-    def __init__(self, experiment: Experiment, *, rate_hz: float = 10.0) -> None:
+    def __init__(
+        self, experiment: Experiment, *, rate_hz: float = 10.0, parts: Perception | None = None
+    ) -> None:
         """Construct every part of the experiment but the data set.
 
         Args:
             experiment: what to run.
             rate_hz: sweeps a second, whose inverse is the budget of a step.
+            parts: its flow and object source, where other runs share them; None: its own.
 
         Raises:
             MottrackError: a part can't be made, or the rate is not positive.
         """
         settings = experiment.settings
-        self.flow: FlowSource = experiment.flow.make(grid=settings.grid.grid())
-        self.objects: ObjectSource = experiment.objects.make()
+        parts = parts or Perception(make_flow(experiment), experiment.objects.make())
+        self.flow, self.objects = parts
         self.watch = Stopwatch()
         self._experiment = experiment
         self._latency = LatencyLog(rate_hz)
@@ -110,7 +120,9 @@ class Pipeline:
         """Start a new scene: forget all but the latency; loaded and compiled parts stay."""
         settings = self._experiment.settings
         self.tracker: Tracker = self._experiment.tracker.make()
-        self._pairs = SweepPairs(settings.pair_s, settings.max_pair_s)
+        self._pairs = SweepPairs(
+            settings.pair_s, settings.max_pair_s, required=self.flow.needs_sweeps
+        )
         self._stamp_ns: int | None = None
         self.flow.reset()
         self.objects.reset()
@@ -135,14 +147,14 @@ class Pipeline:
         self._check(frame, sweep)
         self._stamp_ns = frame.stamp_ns
         self.watch.lap()
-        start = time.perf_counter()
+        start = clock_s()
         if isinstance(self.flow, FrameObserver):
             self.flow.observe(frame)
         pair = None if sweep is None else self._pair(sweep)
         field = self._estimate(pair) if frame.is_key or self.flow.stateful else None
         objects = self._measured_objects(frame, sweep, field) if frame.is_key else None
         tracks = None if objects is None else self._track(frame, objects)
-        seconds = self.watch.lap() | {TOTAL: time.perf_counter() - start}
+        seconds = self.watch.lap() | {TOTAL: clock_s() - start}
         self._latency.add(seconds)
         return Step(pair, field, objects, tracks, seconds)
 
@@ -248,3 +260,13 @@ def joined(given: VelocityMeasurement | None, flow: VelocityMeasurement) -> Velo
         return given
     fused = fuse_velocities([given, flow])
     return fused.with_error_model(flow.error_model) if (flow.valid & ~given.valid).any() else fused
+
+
+def make_flow(experiment: Experiment) -> FlowSource:
+    """Construct the flow source of an experiment, with the experiment's grid.
+
+    Raises:
+        MottrackError: it can't be made.
+    """
+    source: FlowSource = experiment.flow.make(grid=experiment.settings.grid.grid())
+    return source

@@ -16,11 +16,12 @@ class SweepPairs:
 
     At 20 Hz a pedestrian moves less than the noise from one sweep to the next, at 2 Hz vehicles
     move by several lengths; 0.1 s suits both. Sweeps further apart than ``max_pair_s`` are no
-    pair: a scene may have a gap, but one that never has a pair is an error.
+    pair: a scene may have a gap, but one that never has a pair is an error where pairs are
+    `required`: not if no flow is measured (trackers on key frames, clusters without flow).
     """
 
-    def __init__(self, pair_s: float, max_pair_s: float) -> None:
-        self._pair_s, self._max_pair_s = pair_s, max_pair_s
+    def __init__(self, pair_s: float, max_pair_s: float, *, required: bool = True) -> None:
+        self._pair_s, self._max_pair_s, self._required = pair_s, max_pair_s, required
         self._sweeps: deque[Sweep] = deque()
         self._paired = False
         self._gaps = 0
@@ -44,7 +45,7 @@ class SweepPairs:
         if self._sweeps:
             partner = self._sweeps[-1] if consecutive else self._nearest(ages)
             self._paired = True
-        elif self._gaps >= GAPS and not self._paired:
+        elif self._required and self._gaps >= GAPS and not self._paired:
             raise InputError(
                 "time between sweeps",
                 f"{min(ages.values(), default=0.0):.2f} s",

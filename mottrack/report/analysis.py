@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mottrack.core.arrays import F64, Mask
+from mottrack.core.arrays import Mask
 from mottrack.core.errors import InputError
 from mottrack.core.result import SceneResult
 from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
@@ -20,6 +20,7 @@ from mottrack.eval.velocity_error import (
     category_masks,
     velocity_samples,
 )
+from mottrack.formats.strict_json import strict
 from mottrack.report.timing import Timing
 from mottrack.runs.comparison import ScoredRun
 
@@ -97,7 +98,9 @@ def _curve(curve: Curves) -> Curve:
     with np.errstate(invalid="ignore", divide="ignore"):
         precision = hits / (hits + curve["fp"])
     columns = {**curve, "precision": precision, "requested": curve["recall_hypo"]}
-    return {name: _plain(columns[name][rows]) for name in ("requested", *CURVES)}
+    names = ("requested", *CURVES)
+    plain: Curve = strict({n: [round(float(v), 5) for v in columns[n][rows]] for n in names})
+    return plain
 
 
 def _velocity(run: ScoredRun) -> dict[str, list[float]]:
@@ -111,7 +114,3 @@ def _velocity(run: ScoredRun) -> dict[str, list[float]]:
         for row, mask in masks.items()
         if mask.any()
     }
-
-
-def _plain(values: F64) -> list[float | None]:
-    return [None if np.isnan(v) else round(float(v), 5) for v in values]

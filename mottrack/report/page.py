@@ -21,6 +21,7 @@ from mottrack.report.summary import headlines, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
 from mottrack.report.timing import BUDGET_MS, TIMING, Timing, stages_of, time_rows, widest_ms
 from mottrack.runs.comparison import Comparison
+from mottrack.runs.velocity_bench import plain_words
 
 TEMPLATE = "report.html.j2"
 STYLES = ("base.css", "parts.css", "player.css")
@@ -93,6 +94,7 @@ def _summary(
         "scene_count": len({s for run in runs for s in run.scored.report.finished}),
         "failed": comparison.failed,
         "has_truth": any(run.has_truth for run in runs),
+        "flow_value": plain_words(comparison.flow_values),
         "cards": cards,
         "headlines": headlines(cards, groups),
         "common_scenes": max((d.scenes for d in comparison.differences), default=0),

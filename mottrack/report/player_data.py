@@ -28,6 +28,7 @@ from mottrack.core.arrays import F64, I16, I32, Floats, Texts
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
+from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.report.scene_errors import SceneError
 
@@ -101,7 +102,7 @@ class SharedData:
             **_boxes("truth", truth, self.origin_m),
             "truth_points": np.clip(truth.num_points, -1, 2**15 - 1).astype(np.int16),
         }
-        seconds = (frames.stamp_ns[: self.frames] - frames.stamp_ns[0]) / 1e9
+        seconds = (frames.stamp_ns[: self.frames] - frames.stamp_ns[0]) / SECOND_NS
         header = {
             "seconds": seconds.round(4).tolist(),
             "frames": self.frames,

@@ -5,19 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from mottrack.core.errors import ConfigError, ResultError
-from mottrack.core.processes import available_cores
 from mottrack.core.storage import write_text
 from mottrack.experiment.experiment import Experiment, compose
 from mottrack.experiment.yaml_file import read_yaml
 from mottrack.runs.differences import RunDifferences, check_baseline, find_differences
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Job, RunReport, run_jobs
+from mottrack.runs.runner import Execution, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
-from mottrack.runs.workers import Progress
+from mottrack.runs.tasks import Job, Progress
+from mottrack.runs.velocity_bench import FlowValue, flow_values
 
 __all__ = ["Comparison", "ScoredRun", "load_comparison", "run_comparison"]
 
@@ -30,6 +31,11 @@ class Comparison:
     out: Path
     differences: tuple[RunDifferences, ...] = ()
     """Every other run against the baseline of its data set."""
+
+    @cached_property
+    def flow_values(self) -> list[FlowValue]:
+        """What each flow source was worth beside no flow."""
+        return flow_values(self.runs)
 
     @property
     def failed(self) -> dict[str, str]:
@@ -45,7 +51,7 @@ def run_comparison(
     experiments: Sequence[Experiment],
     out: Path,
     *,
-    workers: int,
+    execution: Execution,
     progress: Progress,
     baseline: str | None = None,
 ) -> Comparison:
@@ -55,7 +61,7 @@ def run_comparison(
         experiments: a sweep; a single one stores its results in ``out`` itself, several in
             ``out/<variant>``.
         out: folder for results.
-        workers: number of processes; 0: one per core.
+        execution: where the scenes are run; all of them, no shard.
         progress: receives the progress of the work.
         baseline: title of the baseline run, or part of it; by default the first run.
 
@@ -63,13 +69,27 @@ def run_comparison(
         MottrackError: the configuration does not fit the data or the folder.
     """
     check_baseline(experiments, baseline)
-    alone = len(experiments) == 1
-    jobs = [Job(e, RunFolder(out if alone else out / e.variant)) for e in experiments]
-    reports = run_jobs(jobs, workers=workers or available_cores(), progress=progress)
+    jobs = comparison_jobs(experiments, out)
+    reports = run_jobs(jobs, execution=execution, progress=progress)
     runs = tuple(
         ScoredRun(job.experiment, job.folder, report)
         for job, report in zip(jobs, reports, strict=True)
     )
+    return score_runs(runs, out, baseline)
+
+
+def comparison_jobs(experiments: Sequence[Experiment], out: Path) -> list[Job]:
+    """Return the runs of a sweep with their folders: ``out`` itself for one, else one in it."""
+    alone = len(experiments) == 1
+    return [Job(e, RunFolder(out if alone else out / e.variant)) for e in experiments]
+
+
+def score_runs(runs: tuple[ScoredRun, ...], out: Path, baseline: str | None = None) -> Comparison:
+    """Score finished runs and test their differences; write ``scores.json``.
+
+    Raises:
+        ResultError: a stored result is damaged.
+    """
     comparison = Comparison(runs, out, find_differences(runs, baseline))
     figures = {
         "runs": [run.as_dict() for run in runs],
@@ -123,9 +143,18 @@ def _notes(folder: Path) -> dict[str, Mapping[str, Any]]:
 
 def _load_run(folder: Path, variant: str, note: Mapping[str, Any]) -> ScoredRun:
     run = RunFolder(folder / variant)
-    resolved = compose(read_yaml(run.config_file), [], run.config_file)
     # in the order of the data set, as far as it is known
     listed = [scene for scene in note.get("scenes", ()) if scene in run.scenes]
     finished = (*listed, *(scene for scene in run.scenes if scene not in listed))
     report = RunReport(finished, failed=dict(note.get("failed", {})), resumed=0)
-    return ScoredRun(replace(resolved[0], variant=variant), run, report)
+    return stored_run(run, variant, report)
+
+
+def stored_run(folder: RunFolder, variant: str, report: RunReport) -> ScoredRun:
+    """Return a run of a folder, composed from the configuration that lies in it.
+
+    Raises:
+        ConfigError: the configuration is of another version.
+    """
+    resolved = compose(read_yaml(folder.config_file), [], folder.config_file)
+    return ScoredRun(replace(resolved[0], variant=variant), folder, report)

@@ -10,6 +10,7 @@ from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.differences import RunDifferences
 from mottrack.runs.scored_run import ScoredRun
+from mottrack.runs.velocity_bench import bench_table
 
 LEADING_ROWS = ("all", "dynamic", "static", *CATEGORIES, OTHER)
 VELOCITY_PARTS = ("mean", "worst 5 %", "rows")
@@ -38,6 +39,8 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     tables = [tracking_table(runs), velocity_table(runs), timing_table(runs), latency_table(runs)]
     if any(run.scores.flow for run in runs):
         tables.insert(2, flow_table(runs))
+    if comparison.flow_values:
+        tables.append(bench_table(comparison.flow_values))
     if comparison.differences:
         tables.append(difference_table(comparison.differences))
     return tables

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from mottrack.core.arrays import I64
 from mottrack.core.errors import unknown_name
 from mottrack.eval.paired import PairedDifference, paired_all
 from mottrack.eval.run_metrics import Resampling, RunMetrics, run_metrics
@@ -43,6 +46,8 @@ class Resamples:
     scenes: tuple[str, ...]
     figures: dict[str, RunMetrics] = field(default_factory=dict)
     """Title of a run to its metrics on every resample."""
+    weights: I64 = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    """(B, S) how often each scene counts in each resample."""
 
     def against(self, baseline: str, run: str) -> RunDifferences:
         """Compare every metric of the run with the baseline's."""
@@ -58,7 +63,7 @@ def sample_runs(runs: Sequence[ScoredRun]) -> Resamples:
     results = {run.title: [run.load(scene) for scene in scenes] for run in runs}
     common = Resampling.of(list(results.values()), runs[0].config)
     figures = {run.title: run_metrics(results[run.title], common, run.memo) for run in runs}
-    return Resamples(scenes, figures)
+    return Resamples(scenes, figures, common.weights)
 
 
 def find_differences(runs: Sequence[ScoredRun], baseline: str | None) -> tuple[RunDifferences, ...]:

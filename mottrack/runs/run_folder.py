@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -16,8 +17,9 @@ import mottrack
 from mottrack.core.errors import ConfigError, DataError, ResultError, unknown_name
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
-from mottrack.core.storage import discard_unfinished, write_text
+from mottrack.core.storage import discard_unfinished, write_bytes, write_text
 from mottrack.experiment.experiment import Experiment
+from mottrack.experiment.plugins import Part
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
 
@@ -131,6 +133,16 @@ class RunFolder:
         write_text(self.latency_file(result.name), json.dumps(run.times.as_dict()))
         result.save(self.scene_file(result.name))
 
+    def files(self, scene: str) -> dict[str, bytes]:
+        """Read the stored files of a scene, by name; its result comes last."""
+        paths = (self.timings_file, self.latency_file, self.snapshots_file, self.scene_file)
+        return {path.name: path.read_bytes() for f in paths if (path := f(scene)).exists()}
+
+    def store_files(self, files: Mapping[str, bytes]) -> None:
+        """Write what `files` of another folder has read, in that order."""
+        for name, data in files.items():
+            write_bytes(self.path / "scenes" / Path(name).name, data)
+
     def load(self, scene: str) -> SceneResult:
         """Read a stored result with its timings.
 
@@ -229,11 +241,19 @@ def fingerprint(experiment: Experiment) -> dict[str, str]:
     Raises:
         DataError: a file of weights is missing.
     """
-    files = [file for part in experiment.parts for file in part.files()]
-    plug_ins = [part.cls for part in experiment.parts if ":" in part.kind]
+    return {"configuration": experiment.hash, **code_and_weights(experiment.parts)}
+
+
+def code_and_weights(parts: Sequence[Part]) -> dict[str, str]:
+    """Return the version and the digests of the code and of the files of weights of some parts.
+
+    Raises:
+        DataError: a file of weights is missing.
+    """
+    files = [file for part in parts for file in part.files()]
+    plug_ins = [part.cls for part in parts if ":" in part.kind]
     sources = sorted({Path(file) for cls in plug_ins if (file := inspect.getsourcefile(cls))})
     return {
-        "configuration": experiment.hash,
         "version": mottrack.__version__,
         "code": hashlib.sha256((_package_digest() + _digest(sources)).encode()).hexdigest(),
         **{f"weights {file.name}": _digest([file]) for file in files},

@@ -1,24 +1,40 @@
-"""Run the scenes of experiments in supervised processes; resume interrupted runs."""
+"""Run the scenes of experiments by an executor; resume interrupted runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import zip_longest
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import chain, zip_longest
 
 from mottrack.core.errors import ConfigError
+from mottrack.core.interfaces import FlowSource
 from mottrack.experiment.experiment import Experiment
-from mottrack.pipeline.scene_run import run_scene
-from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.workers import Outcome, Progress, Task, run_tasks
+from mottrack.pipeline.flow_cache import CachedFlow, FlowCache, StaleEntryError
+from mottrack.pipeline.scene_run import Member, SceneRun, as_text, flow_identity, run_together
+from mottrack.pipeline.stream import make_flow
+from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.lock import only_driver
+from mottrack.runs.run_folder import RunFolder, code_and_weights
+from mottrack.runs.shard import Shard, ShardRecord, write_record
+from mottrack.runs.tasks import Executor, Job, Outcome, Progress, Task, reason
+
+TASKS_PER_SLOT = 2
+"""Of tasks that take several runs at once: with fewer, some processes would end long before
+others."""
 
 
 @dataclass(frozen=True)
-class Job:
-    """An experiment and the folder of its results."""
+class Execution:
+    """How runs are executed; it changes neither their results nor their bytes."""
 
-    experiment: Experiment
-    folder: RunFolder
+    executor: Executor = field(default_factory=LocalPool)
+    shard: Shard = field(default_factory=Shard)
+    share: bool = True
+    """Whether runs on the same scene share its sweeps, flow and objects."""
+    cache: FlowCache | None = None
+    """Flow fields that are kept between runs; None: none."""
 
 
 @dataclass(frozen=True)
@@ -33,51 +49,90 @@ class RunReport:
 
 
 def run_experiment(
-    experiment: Experiment, folder: RunFolder, *, workers: int, progress: Progress
+    experiment: Experiment, folder: RunFolder, *, execution: Execution, progress: Progress
 ) -> RunReport:
     """Run every scene that has no result yet; a failure does not affect the others.
 
     Raises:
         ConfigError: as `run_jobs`.
     """
-    return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
+    return run_jobs([Job(experiment, folder)], execution=execution, progress=progress)[0]
 
 
 def run_jobs(
-    jobs: Sequence[Job], *, workers: int, progress: Progress, title: str = ""
+    jobs: Sequence[Job], *, execution: Execution, progress: Progress, title: str = ""
 ) -> list[RunReport]:
-    """Run several experiments in one pool: none waits for another's last scene.
+    """Run several experiments together: none waits for another's last scene.
 
     They alternate scene by scene: what slows the machine for a while slows them all alike.
 
     Raises:
-        ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
-            or other weights.
+        ConfigError: a scene is unknown, another process works in a folder, or a folder belongs to
+            another configuration, other code or other weights.
     """
-    scenes = [scene_names(job.experiment) for job in jobs]
-    for job in jobs:
-        job.folder.reserve(job.experiment)
-    todo = (
-        [Task(job.experiment, s, job.folder.path) for s in names if not job.folder.finished(s)]
-        for job, names in zip(jobs, scenes, strict=True)
-    )
-    tasks = [task for turn in zip_longest(*todo) for task in turn if task is not None]
-    progress.begin(title or _title(jobs), sum(map(len, scenes)), len(tasks))
-    try:
-        outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
-    finally:
+    names = {job: scene_names(job.experiment) for job in jobs}
+    scenes = {job: execution.shard.of(known) for job, known in names.items()}
+    with ExitStack() as locks:
         for job in jobs:
-            job.folder.remove_partial()
-    return [
-        _report(names, [o for o in outcomes if o.folder == job.folder.path])
-        for job, names in zip(jobs, scenes, strict=True)
-    ]
+            locks.enter_context(only_driver(job.folder.path))
+            job.folder.reserve(job.experiment)
+        execution.executor.check(names)
+        tasks = _tasks(scenes, execution)
+        todo = sum(len(task.jobs) for task in tasks)
+        progress.begin(title or _title(jobs), sum(map(len, scenes.values())), todo)
+        try:
+            outcomes = execution.executor.run(tasks, scene_task, progress)
+        finally:
+            for job in jobs:
+                job.folder.remove_partial()
+        reports = [_report(job, scenes[job], outcomes) for job in jobs]
+        for row, (job, report) in enumerate(zip(jobs, reports, strict=True)):
+            if not execution.shard.whole:
+                record = ShardRecord(execution.shard, scenes[job], report.failed, row)
+                write_record(job.folder.path, record)
+        return reports
 
 
-def _report(scenes: tuple[str, ...], outcomes: list[Outcome]) -> RunReport:
-    failed = {o.scene: o.error for o in outcomes if o.error}
+def _tasks(scenes: Mapping[Job, tuple[str, ...]], execution: Execution) -> list[Task]:
+    """Return a task for each scene and set of runs that share it, scene by scene.
+
+    All runs on a data set share its scenes where there are enough of them to occupy every
+    process; else those that measure the same flow do.
+    """
+    if not execution.share:
+        return _grouped(scenes, lambda job: str(job.folder.path), execution)
+    tasks = _grouped(scenes, _dataset_key, execution)
+    if len(tasks) < TASKS_PER_SLOT * execution.executor.slots:
+        return _grouped(scenes, _flow_key, execution)
+    return tasks
+
+
+def _grouped(
+    scenes: Mapping[Job, tuple[str, ...]], key: Callable[[Job], str], execution: Execution
+) -> list[Task]:
+    keys = {job: key(job) for job in scenes}
+    todo = (
+        [(s, job) for s in names if not job.folder.finished(s)] for job, names in scenes.items()
+    )
+    groups: dict[tuple[str, str], list[Job]] = defaultdict(list)
+    for scene, job in filter(None, chain.from_iterable(zip_longest(*todo))):
+        groups[scene, keys[job]].append(job)
+    return [Task(scene, tuple(jobs), cache=execution.cache) for (scene, _), jobs in groups.items()]
+
+
+def _dataset_key(job: Job) -> str:
+    return as_text(job.experiment.dataset.resolved())
+
+
+def _flow_key(job: Job) -> str:
+    return _dataset_key(job) + flow_identity(job.experiment)
+
+
+def _report(job: Job, scenes: tuple[str, ...], outcomes: Sequence[Outcome]) -> RunReport:
+    own = [outcome for outcome in outcomes if outcome.folder == job.folder.path]
+    failed = {outcome.scene: outcome.error for outcome in own if outcome.error}
     finished = tuple(scene for scene in scenes if scene not in failed)
-    return RunReport(finished, failed, len(scenes) - len(outcomes))
+    return RunReport(finished, failed, len(scenes) - len(own))
 
 
 def _title(jobs: Sequence[Job]) -> str:
@@ -106,14 +161,49 @@ def scene_names(experiment: Experiment) -> tuple[str, ...]:
     return tuple(wanted)
 
 
-def scene_task(task: Task, on_frame: Callable[[int, int], None]) -> None:
-    """Run one scene and store its result: the work of a worker process."""
-    experiment = task.experiment
-    dataset = experiment.dataset.make()
-    kept = (experiment.settings.scenes or dataset.scene_names)[
-        : experiment.settings.snapshots.scenes
-    ]
-    run = run_scene(
-        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in kept
-    )
-    RunFolder(task.folder).store(run)
+def scene_task(task: Task, on_frame: Callable[[int, int], None]) -> list[Outcome]:
+    """Run one scene for each of the task's runs and store the results: the work of a worker."""
+    outcomes = []
+    for job, run in zip(task.jobs, run_scene_of(task, on_frame), strict=True):
+        if isinstance(run, Exception):
+            outcomes.append(Outcome(task.scene, reason(run), job.folder.path))
+        else:
+            job.folder.store(run)
+            outcomes.append(Outcome(task.scene, folder=job.folder.path))
+    return outcomes
+
+
+def run_scene_of(
+    task: Task, on_frame: Callable[[int, int], None], *, fresh: bool = False
+) -> list[SceneRun | Exception]:
+    """Return the results of each of the task's runs, or the errors that ended them.
+
+    Args:
+        task: what to run.
+        on_frame: receives the progress.
+        fresh: whether to measure even the flow that is stored.
+    """
+    dataset = task.jobs[0].experiment.dataset.make()
+    members = [_member(job.experiment, task.scene, dataset.scene_names) for job in task.jobs]
+    flows: list[CachedFlow] = []
+
+    def make(experiment: Experiment) -> FlowSource:
+        source = make_flow(experiment)
+        if task.cache is None or not source.needs_sweeps:  # nothing that takes time
+            return source
+        made_with = as_text(code_and_weights([experiment.flow])) + flow_identity(experiment)
+        flows.append(CachedFlow(source, made_with, task.cache, fresh))
+        return flows[-1]
+
+    runs = run_together(members, dataset.scene(task.scene), on_frame, make)
+    failed = any(isinstance(run, Exception) for run in runs)
+    for flow in flows:
+        flow.discard() if failed else flow.keep()
+    if any(isinstance(run, StaleEntryError) for run in runs):
+        return run_scene_of(task, on_frame, fresh=True)
+    return runs
+
+
+def _member(experiment: Experiment, scene: str, known: Sequence[str]) -> Member:
+    settings = experiment.settings
+    return Member(experiment, scene in (settings.scenes or known)[: settings.snapshots.scenes])

@@ -19,7 +19,7 @@ from mottrack.runs.comparison_tables import (
     leading_differences,
 )
 from mottrack.runs.scored_run import ScoredRun
-from mottrack.runs.workers import Outcome
+from mottrack.runs.tasks import Outcome
 
 
 class TerminalProgress(Progress):

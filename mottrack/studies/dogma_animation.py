@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
-import numpy as np
-
 from mottrack.core.errors import ConfigError
 from mottrack.core.interfaces import FlowSource, Scene
-from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.sweep import Sweep, median_period_s, seconds_between
 from mottrack.experiment.experiment import Experiment
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.viz.dogma import MapPicture
@@ -38,7 +36,7 @@ def map_pictures(experiment: Experiment, scene: Scene) -> Iterator[MapPicture]:
 def sweep_period_s(scene: Scene) -> float:
     """Return the median time between the sweeps of a scene; 1 s for a scene of one sweep."""
     stamps_ns = [scene.frame(index).stamp_ns for index in range(len(scene))]
-    return float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 1.0
+    return median_period_s(stamps_ns, default_s=1.0)
 
 
 def _picture(source: DogmaFlow, sweep: Sweep, time_s: float) -> MapPicture:

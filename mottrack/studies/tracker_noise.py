@@ -80,7 +80,7 @@ def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> 
     dataset, names = experiment.dataset.make(), scene_names(experiment)
     collector, scenes = SampleCollector(), []
     for k, name in enumerate(names):
-        frames = list(_truth_frames(experiment, dataset.scene(name)))
+        frames = list(truth_frames(experiment, dataset.scene(name)))
         for objects, truth in frames:
             collector.add(name, objects, truth)
         scenes.append(frames)
@@ -94,7 +94,7 @@ def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> 
     return NoiseStudy(classes, velocity, settings, before, after)
 
 
-def _truth_frames(experiment: Experiment, scene: Scene) -> Iterator[TruthFrame]:
+def truth_frames(experiment: Experiment, scene: Scene) -> Iterator[TruthFrame]:
     """Yield the tracker's input at each key frame that has truth."""
     pipeline, recorder = Pipeline(experiment), _InputRecorder()
     pipeline.tracker = recorder
@@ -111,8 +111,8 @@ def _settings(
     noise = {label: c.noise.model_dump(exclude_defaults=True) for label, c in classes.items()}
     changes: dict[str, object] = {"noise": {"classes": noise, "form": "wiener"}, "time": "seconds"}
     if velocity is not None:
-        v = velocity.variance_m2ps2
-        changes["velocity"] = {"covariance": (v, 0.0, v)}
+        known = velocity.class_variance_m2ps2 | {"all": velocity.variance_m2ps2}
+        changes["velocity"] = {"noise": "class", "class_variance": known}
     return merged(config.model_dump(exclude_unset=True), changes)
 
 

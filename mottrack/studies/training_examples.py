@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from mottrack.core.arrays import F32, I16, I64
 from mottrack.core.errors import ConfigError
 from mottrack.core.interfaces import Scene
+from mottrack.core.objects import Truth
 from mottrack.core.processes import end_with_parent
 from mottrack.core.sweep import seconds_between
 from mottrack.experiment.plugins import load_part
@@ -29,6 +31,7 @@ from mottrack.flow.pillarflow.training.examples import (
     labels_from_tracks,
 )
 from mottrack.flow.pillarflow.training.shards import write_shard
+from mottrack.runs.shard import Shard
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
 
 SPLITS = ("validation", "training")
@@ -52,6 +55,8 @@ class ShardJob:
     """Index of the first example."""
     count: int
     """Number of examples."""
+    shards: int
+    """Number of shards of the split."""
     file: Path
     """Where the shard goes."""
 
@@ -62,12 +67,17 @@ def examples_folder(config: ExamplesConfig, parent: Path) -> Path:
     return parent / f"examples-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
 
 
-def make_examples(config: ExamplesConfig, folder: Path, on_shard: OnShard) -> None:
+def make_examples(
+    config: ExamplesConfig, folder: Path, on_shard: OnShard, part: Shard | None = None
+) -> None:
     """Make the missing shards of a folder; an interrupted run is resumed.
 
-    `on_shard` is called with (done, total) at the start and after each shard.
+    `on_shard` is called with (done, total) at the start and after each shard. With a `part` of
+    I/N only every N-th shard is made, by one machine of N that share the folder: the last to end
+    declares it complete.
     """
-    jobs = [job for split in SPLITS for job in _jobs(config, folder, split)]
+    whole = [job for split in SPLITS for job in _jobs(config, folder, split)]
+    jobs = whole if part is None else whole[part.index - 1 :: part.count]
     missing = [job for job in jobs if not job.file.exists()]
     for split in SPLITS:
         (folder / split).mkdir(parents=True, exist_ok=True)
@@ -79,7 +89,8 @@ def make_examples(config: ExamplesConfig, folder: Path, on_shard: OnShard) -> No
             finished.result()
             done += 1
             on_shard(done, len(jobs))
-    (folder / COMPLETE).touch()
+    if all(job.file.exists() for job in whole):
+        (folder / COMPLETE).touch()
 
 
 def await_examples(folder: Path, poll_s: float = 1.0) -> None:
@@ -90,9 +101,11 @@ def await_examples(folder: Path, poll_s: float = 1.0) -> None:
 
 def _jobs(config: ExamplesConfig, folder: Path, split: str) -> Iterator[ShardJob]:
     total = config.pairs if split == "training" else config.validation_pairs
-    for first in range(0, total, config.per_shard):
+    firsts = range(0, total, config.per_shard)
+    for first in firsts:
         file = folder / split / f"{first:07d}.safetensors"
-        yield ShardJob(config, split, first, min(config.per_shard, total - first), file)
+        count = min(config.per_shard, total - first)
+        yield ShardJob(config, split, first, count, len(firsts), file)
 
 
 def _make_shard(job: ShardJob) -> None:
@@ -161,22 +174,34 @@ def _means(values: F32, rows: I16, count: int) -> F32:
 
 
 def _recorded_pairs(job: ShardJob) -> Iterator[LabelledPair]:
-    """Draw pairs over all scenes of the split; a single scene is in both splits."""
-    config = job.config
+    """Draw pairs over all scenes of the split; a single scene is in both splits.
+
+    Each shard draws from frames of its own first. Frames without tracks (nuScenes: all but key
+    frames) are passed over; a data set with too few is drawn from again.
+
+    Raises:
+        ConfigError: no scene has two sweeps and tracks.
+    """
+    config, found = job.config, 0
     dataset = load_part("dataset", config.dataset or {}).make()
     names = sorted(dataset.scene_names)
     held_out = names[::HELD_OUT_EVERY] if len(names) > 1 else names
     wanted = held_out if job.split == "validation" else [n for n in names if n not in held_out]
     frames = [(name, i) for name in wanted or names for i in _later_frames(dataset.scene(name))]
-    if not frames:
-        raise ConfigError("examples.dataset has no scene with two sweeps and tracks")
-    rng = np.random.default_rng(config.seed)
-    order = rng.permutation(max(len(frames), job.first + job.count)) % len(frames)
-    for row in order[job.first : job.first + job.count]:
-        name, index = frames[int(row)]
+    order = np.random.default_rng(config.seed).permutation(len(frames))
+    # the others' frames after its own: a small data set may have none with tracks among its own
+    rows = [*order[job.first // config.per_shard :: job.shards], *order]
+    for row in itertools.cycle(rows):
+        name, index = frames[row]
         pair = recorded_pair(dataset.scene(name), index, config.pair_s)
         if pair is not None:
             yield pair
+            found += 1
+        if found == job.count:
+            return
+        if not found and row == rows[-1]:
+            break
+    raise ConfigError("examples.dataset has no scene with two sweeps and tracks")
 
 
 def _later_frames(scene: Scene) -> range:
@@ -186,18 +211,27 @@ def _later_frames(scene: Scene) -> range:
 def recorded_pair(scene: Scene, index: int, pair_s: float) -> LabelledPair | None:
     """Pair a frame's sweep with the earlier one whose age is nearest to `pair_s`.
 
-    Returns None where either frame has no tracks.
+    Returns None where the frame has no tracks. Where only the earlier one has none (nuScenes
+    between key frames), its boxes are those of the frame moved back by their velocities.
     """
     now = scene.frame(index)
+    if now.truth is None:
+        return None
     ages = [
         (abs(seconds_between(scene.frame(other).stamp_ns, now.stamp_ns) - pair_s), other)
         for other in range(max(0, index - MAX_FRAMES_BACK), index)
     ]
     _, partner = min(ages)
     then = scene.frame(partner)
-    if now.truth is None or then.truth is None:
-        return None
+    before = _moved_back(now.truth, then.stamp_ns) if then.truth is None else then.truth
     previous, current = scene.sweep(partner), scene.sweep(index)
-    return LabelledPair(
-        previous, current, labels_from_tracks(previous, current, then.truth, now.truth)
-    )
+    labels = labels_from_tracks(previous, current, before, now.truth)
+    return LabelledPair(previous, current, labels)
+
+
+def _moved_back(truth: Truth, stamp_ns: int) -> Truth:
+    """Return the boxes of known velocity where they were at an earlier time."""
+    known = truth.select(np.flatnonzero(np.isfinite(truth.velocity_mps).all(axis=1)))
+    way_m = known.velocity_mps * seconds_between(stamp_ns, truth.stamp_ns)
+    centre_m = known.centre_m - np.column_stack([way_m, np.zeros(len(known))])
+    return replace(known, stamp_ns=stamp_ns, centre_m=centre_m)

@@ -17,6 +17,7 @@ from mottrack.core.arrays import F32, F64, I64, U8
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
+from mottrack.core.sweep import SECOND_NS, median_period_s
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.viz.colour_wheel import bold_flow_to_rgb, draw_wheel
 
@@ -59,7 +60,7 @@ def draw_key_frames(
         axes.clear()
         bare = Snapshot.of(frame, np.zeros((0, 3), np.float32), None, None)
         draw_bev(axes, result, kept.get(frame, bare), reach_m=reach_m)
-        axes.set_title(f"{result.name}   {(stamp_ns - start_ns[0]) / 1e9:.1f} s", fontsize=11)
+        axes.set_title(f"{result.name}   {(stamp_ns - start_ns[0]) / SECOND_NS:.1f} s", fontsize=11)
         for label, colour, linewidth in LEGEND:
             axes.plot([], [], color=colour, linewidth=linewidth, label=label)
         axes.legend(loc="lower left", fontsize=8)
@@ -70,8 +71,7 @@ def draw_key_frames(
 
 def key_frame_period_s(result: SceneResult) -> float:
     """Return the median time between key frames; a scene of one frame is shown for a second."""
-    stamps_ns = result.frames.stamp_ns
-    return float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 1.0
+    return median_period_s(result.frames.stamp_ns, default_s=1.0)
 
 
 def draw_bev(axes: Axes, result: SceneResult, snapshot: Snapshot, *, reach_m: float) -> None:

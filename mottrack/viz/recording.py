@@ -19,6 +19,7 @@ from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
+from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.viz.bev import FULL_COLOUR_MPS, STILL_MPS, hulls_of
 from mottrack.viz.colour_wheel import bold_flow_to_rgb
@@ -81,7 +82,7 @@ class Recording:
         for frame in range(len(frames)):
             self.stream.set_time("frame", sequence=frame)
             self.stream.set_time(
-                "time", duration=(frames.stamp_ns[frame] - frames.stamp_ns[0]) / 1e9
+                "time", duration=(frames.stamp_ns[frame] - frames.stamp_ns[0]) / SECOND_NS
             )
             origin_m = frames.world_T_ego[0, :3, 3]
             self._log_vehicle(Pose.from_matrix(frames.world_T_ego[frame]), origin_m)

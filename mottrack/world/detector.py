@@ -16,6 +16,7 @@ from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
+from mottrack.core.sweep import SECOND_NS
 from mottrack.world.catalogue import KINDS, TRACKED
 from mottrack.world.config import DetectorConfig
 from mottrack.world.hashing import random_bits, uniform
@@ -122,7 +123,7 @@ class FrameDraws:
 
     def uniforms(self, identity: I64, purpose: int) -> F64:
         """Return (N,) uniform numbers, the same over _CORRELATION_S for most of the time."""
-        block_ns = round(1e9 * _CORRELATION_S)
+        block_ns = round(SECOND_NS * _CORRELATION_S)
         start = np.uint64(self.seed * 64 + purpose)
         return _correlated_uniforms(start, identity, self.stamp_ns, block_ns)
 

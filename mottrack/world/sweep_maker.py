@@ -9,7 +9,7 @@ import numpy as np
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.pose import rotation_2d
-from mottrack.core.sweep import Sweep
+from mottrack.core.sweep import SECOND_NS, Sweep
 from mottrack.world.culling import ScanPattern
 from mottrack.world.ego import PoseError, ego_posture, odometry, rotations
 from mottrack.world.intersect import Vector
@@ -94,10 +94,10 @@ def scan(world: World, rig: Rig, time_s: float, draw: np.random.SeedSequence) ->
     sweep = Sweep(
         xyz_m=xyz.astype(np.float32),
         reflectance=points.reflectance,
-        stamp_ns=round(time_s * 1e9),
+        stamp_ns=round(time_s * SECOND_NS),
         world_T_ego=odometry(posture, rig.pose_error, rng, time_s),
         origin_m=np.array([sensor.forward_m, 0.0, sensor.height_m]),
-        time_offset_ns=np.rint(pattern.time_s * 1e9).astype(np.int64)[points.column],
+        time_offset_ns=np.rint(pattern.time_s * SECOND_NS).astype(np.int64)[points.column],
         ring=points.ring.astype(np.int16),
     )
     states = world.states(time_s)

@@ -20,7 +20,7 @@ from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.experiment.plugins import load_part
 from tests.datasets import ros_log
 
-SEED = 3
+SEED = 5
 DURATION_S = 0.55
 """Two key frames of nuScenes, 20 Hz with key frames at 2 Hz."""
 SCENES = 2
@@ -58,7 +58,8 @@ def maker(kind: str) -> Maker:
 
 
 def format_writer(name: str) -> Callable[[Path], object]:
-    return lambda root: write_synthetic(root, name, SCENES, seed=SEED, duration_s=DURATION_S)
+    world = SyntheticConfig(scenes=SCENES, seed=SEED, duration_s=DURATION_S)
+    return lambda root: write_synthetic(root, name, world)
 
 
 def embedded_scenes(sweep_hz: int = 10, key_hz: int = 10) -> list[Scene]:

@@ -12,6 +12,7 @@ import pytest
 
 from mottrack.core import ConfigError, DataError, Dataset, InputError, Scene
 from mottrack.datasets import DATASETS
+from mottrack.datasets.vehicle import VehicleOutline
 from mottrack.lidar.in_boxes import points_in_boxes
 from tests.datasets.makers import MAKERS, maker, open_dataset
 
@@ -181,3 +182,30 @@ def test_files_outside_the_root_are_refused(kind, root_of, tmp_path):
 
     with pytest.raises(DataError, match="inside the data root"):
         read_all()
+
+
+AHEAD = VehicleOutline(front_m=20.0, rear_m=2.0, side_m=5.0)
+"""Large enough to hold returns of the road in any sweep."""
+
+
+def first_sweep(kind, root, **settings):
+    dataset = open_dataset(kind, root, **settings)
+    return dataset.scene(dataset.scene_names[0]).sweep(0)
+
+
+@pytest.mark.parametrize("kind", ON_DISK)
+def test_the_outline_is_cut_as_configured(kind, root_of):
+    whole = first_sweep(kind, root_of(kind), vehicle=None)
+    cut = first_sweep(kind, root_of(kind), vehicle=AHEAD.model_dump())
+    assert 0 < len(cut) < len(whole)
+    assert len(AHEAD.cut(cut)) == len(cut)
+    known = {"kitti", "nuscenes", "argoverse2"}
+    default = first_sweep(kind, root_of(kind))
+    assert len(default) == len(whole) or kind in known
+    if kind == "nuscenes":  # the rehearsal alone has a body
+        assert len(default) < len(whole)
+
+
+def test_a_part_of_an_outline_is_refused(root_of):
+    with pytest.raises(ConfigError, match=r"vehicle\.rear_m"):
+        first_sweep("nuscenes", root_of("nuscenes"), vehicle={"front_m": 3.0, "side_m": 1.0})

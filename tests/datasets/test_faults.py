@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import DataError, Dataset
+from mottrack.datasets.synthetic import SyntheticConfig
 from mottrack.datasets.writers import write_synthetic
 from tests.datasets.makers import SEED, open_dataset
 
@@ -127,7 +128,8 @@ def small_roots(tmp_path_factory) -> dict[str, Path]:
     """The fewest frames that hold two key frames, as each is read 200 times."""
     folder = tmp_path_factory.mktemp("damaged")
     for name, duration_s in (("kitti", 0.2), ("nuscenes", 0.55), ("argoverse2", 0.2)):
-        write_synthetic(folder / name, name, 1, seed=SEED, duration_s=duration_s)
+        world = SyntheticConfig(scenes=1, seed=SEED, duration_s=duration_s)
+        write_synthetic(folder / name, name, world)
     return {name: folder / name for name in ("kitti", "nuscenes", "argoverse2")}
 
 

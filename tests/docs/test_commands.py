@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 from pathlib import Path
@@ -30,19 +31,38 @@ def commands(file: Path, word: str) -> list[list[str]]:
     return [shlex.split(text, comments=True) for text in found]
 
 
+WITHOUT_EXAMPLE = ("mottrack eval nuscenes", "mottrack eval kitti", "mottrack eval mot")
+"""Their examples are in docs/metrics.md."""
+
+
 @pytest.mark.parametrize("text", names(TEXTS))
 def test_commands_of(text: str) -> None:
     for words in commands(REPOSITORY / text, "mottrack"):
-        command, rest = typer.main.get_command(app), list(words)
-        while getattr(command, "commands", None):
-            assert rest[0] in command.commands, f"no command {rest[0]} in: {' '.join(words)}"
-            command = command.commands[rest.pop(0)]
-        known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
-        unknown = {word for word in rest if word.startswith("--")} - known
-        assert not unknown, f"{unknown} in: {' '.join(words)}"
-        if words[0] in EXPERIMENTS and not rest[0].isupper() and rest[0] != "my.yaml":
-            assert find_config(rest[0]).is_file()
-        assert not [w for w in rest if unknown_name(w)], " ".join(words)
+        check_command(words)
+
+
+@pytest.mark.usefixtures("page_makers")
+def test_the_help_of_every_command_has_a_valid_example() -> None:
+    for name, command in importlib.import_module("command_line").commands():
+        if name in WITHOUT_EXAMPLE:
+            continue
+        example = re.search(rf"^Example: {name} (.*)$", command.help, re.MULTILINE)
+        assert example, f"the help of {name} has no example"
+        check_command(shlex.split(f"{name.removeprefix('mottrack ')} {example[1]}"))
+
+
+def check_command(words: list[str]) -> None:
+    """Check the command, options and shipped names of one command line, without `mottrack`."""
+    command, rest = typer.main.get_command(app), list(words)
+    while getattr(command, "commands", None):
+        assert rest[0] in command.commands, f"no command {rest[0]} in: {' '.join(words)}"
+        command = command.commands[rest.pop(0)]
+    known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
+    unknown = {word for word in rest if word.startswith("--")} - known
+    assert not unknown, f"{unknown} in: {' '.join(words)}"
+    if words[0] in EXPERIMENTS and not rest[0].isupper() and rest[0] != "my.yaml":
+        assert find_config(rest[0]).is_file()
+    assert not [w for w in rest if unknown_name(w)], " ".join(words)
 
 
 def unknown_name(word: str) -> bool:

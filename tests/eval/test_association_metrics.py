@@ -96,3 +96,33 @@ def test_nothing_at_all_and_rows_out_of_order() -> None:
     assert clear_of(pairs_of([(0, 1, 0.0)], [], 1)).misses == 1
     with pytest.raises(InputError, match="sorted by frame"):
         BoxStream(np.array([1, 0]), np.array([0, 0]))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_crowd_scores_as_the_whole_matrix_does(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Strips, and groups of boxes that share a pair, give the pairs and counts of the matrix."""
+    rng = np.random.default_rng(seed)
+    rows = [(f, i, float(x)) for f in range(4) for i, x in enumerate(rng.uniform(0, 60, 150))]
+    shifted = [(f, (i + f) % 150, x + float(rng.normal(0, 0.4))) for f, i, x in rows]
+    plain = pairs_of(rows, shifted, 4)
+    counts = clear_of(plain), identity.identity_counts(plain), hota.hota_counts(plain)
+    for module in ("pairs", "assignment", "clear"):
+        monkeypatch.setattr(f"mottrack.eval.{module}.DENSE", 0)
+    crowd = pairs_of(rows, shifted, 4)
+    for name in ("truth_row", "track_row", "distance", "similarity"):
+        np.testing.assert_array_equal(getattr(crowd, name), getattr(plain, name))
+    again = clear_of(crowd)
+    assert again.distance == pytest.approx(counts[0].distance)
+    assert again.matches == counts[0].matches
+    assert again.switches == counts[0].switches
+    assert identity.identity_counts(crowd) == counts[1]
+    for name, value in zip(
+        hota.HotaCounts.__dataclass_fields__, vars_of(hota.hota_counts(crowd)), strict=True
+    ):
+        np.testing.assert_allclose(value, getattr(counts[2], name), err_msg=name)
+
+
+def vars_of(counts: hota.HotaCounts) -> list[np.ndarray]:
+    return [getattr(counts, name) for name in hota.HotaCounts.__dataclass_fields__]

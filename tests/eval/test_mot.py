@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -70,3 +71,21 @@ def test_stamps_in_place_of_frame_numbers_take_no_memory(tmp_path: Path) -> None
     path = tmp_path / "x.txt"
     path.write_text("".join(f"{10**12 + k},1,0,0,5,5\n" for k in (0, 1, 5)))
     assert score_files(path, path).as_dict()["mota"] == 1.0
+
+
+def test_a_regular_file_is_read_as_its_lines_are(tmp_path: Path) -> None:
+    lines = ["1,1,10,20,5,5,1,1,0.5", "2,1,11.25,20,5,5,0,7,1", "", "1,3,1e1,2,5,5,1,2,1"]
+    comma, space = tmp_path / "comma.txt", tmp_path / "space.txt"
+    comma.write_text("\n".join(lines))
+    space.write_text("\n".join(lines).replace(",", ", "))
+    mixed = tmp_path / "mixed.txt"
+    mixed.write_text("\n".join(lines).replace("1,3,", "1 3 "))
+    expected = read_boxes(mixed)
+    for path in (comma, space):
+        read = read_boxes(path)
+        for name in read.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(read, name), getattr(expected, name))
+    for fault in ("1,1.5,1,1,5,5", "1,1,nan,1,5,5", "1,1,1,1,5", "9007199254740993,1,1,1,5,5"):
+        comma.write_text(fault)
+        with pytest.raises(DataError, match="line 1"):
+            read_boxes(comma)

@@ -11,7 +11,7 @@ import pytest
 
 from mottrack.config import StrictModel
 from mottrack.core import BevGrid, ConfigError, FlowSource, FlowSourceBase, ObjectSourceBase
-from mottrack.core.velocity_errors import FLOW_ERRORS, NO_OUTLIERS
+from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.experiment.plugins import PARTS, load_part
 
 
@@ -78,7 +78,7 @@ def test_settings_reach_a_class_with_and_without_a_config() -> None:
 
 def test_the_base_classes_have_the_defaults() -> None:
     assert (Inherited.needs_sweeps, Inherited.stateful) == (True, False)
-    assert Inherited.error_model == FLOW_ERRORS
+    assert Inherited.error_model == NO_OUTLIERS
     source = load_part("objects", {"kind": "own:Detector"}).make()
     assert (source.needs_sweeps, source.needs_detections) == (True, False)
     source.reset()

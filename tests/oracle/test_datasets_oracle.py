@@ -18,11 +18,13 @@ from nuscenes.utils.splits import create_splits_scenes
 from pyquaternion import Quaternion
 
 from mottrack.core import FlowSamples, FrameTable, SceneResult, TrackTable, TruthTable
-from mottrack.datasets.nuscenes.config import CLASSES, NuScenesConfig
+from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
 from mottrack.datasets.nuscenes.submission import write_submission
+from mottrack.datasets.synthetic import SyntheticConfig
 from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.eval.nuscenes.command import Request, run
+from mottrack.formats.nuscenes_classes import CLASSES
 from mottrack.formats.nuscenes_splits import split_scenes
 from mottrack.lidar.in_boxes import points_in_boxes
 
@@ -32,7 +34,8 @@ VERSION = "v1.0-trainval"
 @pytest.fixture(scope="module")
 def root(tmp_path_factory):
     folder = tmp_path_factory.mktemp("nuscenes") / "data"
-    write_synthetic(folder, "nuscenes", 2, seed=5, duration_s=5.0)
+    world = SyntheticConfig(scenes=2, seed=5, duration_s=5.0)
+    write_synthetic(folder, "nuscenes", world)
     return folder
 
 

@@ -18,7 +18,8 @@ from mottrack.eval import clear, hota, identity
 from mottrack.eval.mot import image_pairs, preprocess, read_boxes
 from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.outputs import details_json, summary_json
-from mottrack.eval.pairs import BoxStream, Measured, Pairs, find_pairs, iou_gate
+from mottrack.eval.nuscenes.rules import Rules
+from mottrack.eval.pairs import BoxStream, Measure, Measured, Pairs, find_pairs, iou_gate
 from mottrack.formats.nuscenes_splits import SPLITS, split_scenes
 
 SCENARIOS = int(os.environ.get("MOTTRACK_ORACLE_SCENARIOS", "200"))
@@ -70,8 +71,9 @@ def test_random_scenarios_equal_the_devkit(
 ) -> None:
     monkeypatch.setenv("MOTTRACK_CACHE", str(tmp_path / "cache"))
     data, out = tmp_path / "data", tmp_path / "out"
+    rules = Rules(arithmetic="machine")  # the devkit's product is this processor's
     request = command.Request(
-        data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json"
+        data, "v1.0-trainval", str(data / "scenes.txt"), data / "submission.json", rules
     )
     Scenario(seed).write(data)
     official = devkit_metrics(data, out)
@@ -86,7 +88,7 @@ def test_random_scenarios_equal_the_devkit(
     assert isinstance(official, tuple), official
     summary, details = official
     evaluation = command.run(request)
-    ours = summary_json(evaluation.metrics, evaluation.submission.meta, 0.0)
+    ours = summary_json(evaluation.metrics, evaluation.meta, 0.0)
     summary.pop("eval_time")
     assert differences(ours, summary) == []
     assert differences(details_json(evaluation.metrics), details) == []
@@ -191,7 +193,8 @@ def test_random_sequences_equal_trackeval_and_motmetrics(seed: int) -> None:
         similarity = np.maximum(0.0, 1.0 - np.linalg.norm(apart, axis=2))
         return Measured(1.0 - similarity, similarity)
 
-    pairs = find_pairs(sides[0][0], sides[1][0], frames, measure)
+    spans = (np.zeros((len(side), 2)) for side, _ in sides)
+    pairs = find_pairs(sides[0][0], sides[1][0], frames, Measure(measure, *spans))
     assert_as_trackeval(pairs)
     assert_as_motmetrics(pairs.within(iou_gate(0.5)), motmetrics)
 

@@ -9,7 +9,9 @@ from mottrack.paper.plan import Study
 from mottrack.paper.published import TABLE_III
 from mottrack.paper.results import Results, run_studies
 from mottrack.paper.tables import number_table
-from mottrack.runs.workers import Outcome
+from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.runner import Execution
+from mottrack.runs.tasks import Outcome
 
 TREE = {
     "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a", "b"]},
@@ -39,7 +41,7 @@ class Interrupted:
 def run(out: Path, workers: int, progress: Interrupted) -> Results:
     runs = tuple(compose(TREE, [], Path("toys.yaml")))
     study = Study("tracking", "world", "World", runs)
-    return run_studies([study], out, workers=workers, progress=progress)
+    return run_studies([study], out, execution=Execution(LocalPool(workers)), progress=progress)
 
 
 def test_interrupted_and_resumed_with_other_workers_is_the_same(tmp_path: Path) -> None:

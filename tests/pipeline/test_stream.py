@@ -11,10 +11,14 @@ import pytest
 import mottrack
 from mottrack import Pipeline, Pose, VelocityMeasurement
 from mottrack.core import ConfigError, Frame, InputError, Sweep, TrackTable
-from mottrack.core.velocity_errors import FLOW_ERRORS, NO_OUTLIERS
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.pipeline.stream import joined
+
+FLOW_ERRORS = VelocityErrorModel(relative=0.45, p_missed_motion=0.35, p_outlier=0.1)
+"""Of a source that loses a third of the motions."""
+
 
 WORLD = ("dataset.scenes=1", "dataset.seed=5", "dataset.duration_s=1.2", "dataset.key_hz=5")
 DETECTED = [

@@ -136,3 +136,10 @@ class EchoTracker:
             covariance=np.ones((n, 1, 1)),
             observed=np.ones(n, bool),
         )
+
+
+class FailingTracker(EchoTracker):
+    """Fails at the third frame."""
+
+    def step(self, stamp_ns: int, objects: Objects) -> Tracks:
+        return super().step(stamp_ns + 0 // (2 - stamp_ns // 10**8), objects)

@@ -4,7 +4,9 @@ import pytest
 
 from mottrack.experiment.experiment import compose
 from mottrack.runs.comparison import Comparison, run_comparison
-from mottrack.runs.workers import Progress
+from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.runner import Execution
+from mottrack.runs.tasks import Progress
 
 MARKUP = "<script>alert(2)<!--"
 TITLE = "toys & </script><script>alert(1)"
@@ -21,4 +23,4 @@ def comparison(tmp_path_factory: pytest.TempPathFactory, progress: Progress) -> 
     }
     experiments = compose(tree, [], Path("toy.yaml"))
     out = tmp_path_factory.mktemp("report") / "run"
-    return run_comparison(experiments, out, workers=2, progress=progress)
+    return run_comparison(experiments, out, execution=Execution(LocalPool(2)), progress=progress)

@@ -1,3 +1,4 @@
+import html
 import math
 import re
 from dataclasses import replace
@@ -9,6 +10,7 @@ import pytest
 from mottrack.core import ConfigError
 from mottrack.report.page import write_report
 from mottrack.runs.comparison import Comparison, load_comparison
+from mottrack.runs.velocity_bench import plain_words
 
 VOID = {"wbr", "meta", "img", "br", "link", "input", "line", "rect"}
 
@@ -106,3 +108,13 @@ def test_scenes_without_truth_are_not_scored(comparison: Comparison, tmp_path: P
     assert "no truth, so there are no scores" in text
     assert text.count('<div class="card">') == 1  # time
     assert 'id="tracking"' not in text
+
+
+def test_the_first_card_says_what_flow_was_worth(comparison: Comparison, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    write_report(comparison, path)
+    cards = path.read_text().split('<div class="cards">')[1]
+    first = cards.split('<div class="card"')[1]
+    assert "What flow was worth" in first
+    for line in plain_words(comparison.flow_values):
+        assert html.escape(line) in first

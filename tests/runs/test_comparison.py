@@ -19,9 +19,12 @@ from mottrack.report.page import write_report
 from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables, significance
 from mottrack.runs.differences import check_baseline, find_differences
+from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.runner import Execution
 from mottrack.runs.scored_run import ScoredRun
-from mottrack.runs.workers import Progress
+from mottrack.runs.tasks import Progress
+from mottrack.runs.velocity_bench import VELOCITY, flow_values, plain_words
 
 TREE = {
     "dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a", "b", "poison", "c"]},
@@ -33,7 +36,12 @@ TREE = {
 @pytest.fixture(scope="module")
 def comparison(tmp_path_factory: pytest.TempPathFactory, progress: Progress) -> Comparison:
     runs = compose(TREE, [], Path("experiment.yaml"))
-    return run_comparison(runs, tmp_path_factory.mktemp("comparison"), workers=2, progress=progress)
+    return run_comparison(
+        runs,
+        tmp_path_factory.mktemp("comparison"),
+        execution=Execution(LocalPool(2)),
+        progress=progress,
+    )
 
 
 def test_runs_are_paired_over_the_scenes_that_both_have(comparison: Comparison) -> None:
@@ -126,3 +134,22 @@ def test_a_report_of_a_stored_comparison_reads_each_result_once(
     monkeypatch.setattr(RunFolder, "load", counted)
     write_report(load_comparison(comparison.out), tmp_path / "report.html")
     assert len(read) == len(set(read)) == sum(len(run.finished) for run in comparison.runs)
+
+
+def test_what_flow_was_worth_is_tabulated_and_told(comparison: Comparison) -> None:
+    (value,) = comparison.flow_values
+    assert (value.run, value.baseline, value.oracle) == ("ground_truth", "zero", True)
+    assert value.shares == ()
+    velocity = value.row(VELOCITY)
+    assert velocity is not None
+    assert velocity.better
+    tables = {table.name: table for table in comparison_tables(comparison)}
+    assert next(row[1] for row in tables["flow_value"].rows) == "all, velocity error"
+    assert plain_words(comparison.flow_values) == []  # the truth is no measured flow
+    lines = plain_words([replace(value, oracle=False)])
+    assert len(lines) == 3
+    assert f"{velocity.baseline:.3f} -> {velocity.value:.3f} m/s" in lines[0]
+    assert lines[0].endswith("better.")
+    assert "no share" in lines[2]
+    assert "AMOTA" in lines[2]
+    assert flow_values(comparison.runs[1:]) == []  # nothing to compare with

@@ -9,14 +9,16 @@ from rich.console import Console
 
 from mottrack.core import ConfigError, DataError
 from mottrack.core.snapshot import load_snapshots
+from mottrack.datasets.synthetic import SyntheticConfig
 from mottrack.datasets.writers import write_synthetic
 from mottrack.experiment.experiment import Experiment, compose
 from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.runs.comparison import load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables
+from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import run_experiment
+from mottrack.runs.runner import Execution, run_experiment
 from mottrack.runs.terminal import print_comparison
 
 HERE = Path("experiment.yaml")
@@ -62,7 +64,10 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress
     experiment = toy_experiment(scenes=("a", "b", "c"))
     for workers in (1, 3):
         run_experiment(
-            experiment, RunFolder(tmp_path / str(workers)), workers=workers, progress=progress
+            experiment,
+            RunFolder(tmp_path / str(workers)),
+            execution=Execution(LocalPool(workers)),
+            progress=progress,
         )
     assert files_of(tmp_path / "1") == files_of(tmp_path / "3")
     assert len(files_of(tmp_path / "1")) == 6
@@ -75,7 +80,12 @@ def test_a_failure_loses_only_its_scene_and_a_killed_worker_is_retried(
     flag = tmp_path / "flag"
     flag.touch()
     experiment = toy_experiment(scenes=("poison", "a", "bug", "killed", "b"), flag=str(flag))
-    report = run_experiment(experiment, RunFolder(tmp_path / "run"), workers=3, progress=progress)
+    report = run_experiment(
+        experiment,
+        RunFolder(tmp_path / "run"),
+        execution=Execution(LocalPool(3)),
+        progress=progress,
+    )
     assert report.finished == ("a", "b")
     assert report.failed["poison"] == "toy/poison.bin: point 7 is nan, expected a finite number"
     assert report.failed["bug"].startswith("KeyError: 'bug' (toy_plugins.py:")
@@ -86,22 +96,31 @@ def test_a_failure_loses_only_its_scene_and_a_killed_worker_is_retried(
 def test_an_interrupted_run_is_resumed_with_the_same_bytes(tmp_path: Path, progress) -> None:
     experiment = toy_experiment(scenes=("a", "b", "c"))
     whole, broken = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "broken")
-    run_experiment(experiment, whole, workers=2, progress=progress)
-    run_experiment(experiment, broken, workers=2, progress=progress)
+    run_experiment(experiment, whole, execution=Execution(LocalPool(2)), progress=progress)
+    run_experiment(experiment, broken, execution=Execution(LocalPool(2)), progress=progress)
     broken.scene_file("b").unlink()
     damaged = bytearray(broken.scene_file("c").read_bytes())
     damaged[len(damaged) // 2] ^= 1
     broken.scene_file("c").write_bytes(bytes(damaged))
-    report = run_experiment(experiment, broken, workers=2, progress=progress)
+    report = run_experiment(
+        experiment, broken, execution=Execution(LocalPool(2)), progress=progress
+    )
     assert (report.resumed, progress.todo) == (1, 2)
     assert files_of(tmp_path / "whole") == files_of(tmp_path / "broken")
 
 
 def test_a_folder_of_another_configuration_is_refused(tmp_path: Path, progress) -> None:
-    run_experiment(toy_experiment(scenes=("a",)), RunFolder(tmp_path), workers=1, progress=progress)
+    run_experiment(
+        toy_experiment(scenes=("a",)),
+        RunFolder(tmp_path),
+        execution=Execution(LocalPool(1)),
+        progress=progress,
+    )
     other = toy_experiment("pair_s=0.2", scenes=("a",))
     with pytest.raises(ConfigError, match="results of another configuration"):
-        run_experiment(other, RunFolder(tmp_path), workers=1, progress=progress)
+        run_experiment(
+            other, RunFolder(tmp_path), execution=Execution(LocalPool(1)), progress=progress
+        )
 
 
 def test_scores_json_holds_every_run_and_the_configuration_lies_beside(
@@ -112,7 +131,9 @@ def test_scores_json_holds_every_run_and_the_configuration_lies_beside(
         "flow": ["zero", "ground_truth"],
         "tracker": {"kind": "toy_plugins:EchoTracker"},
     }
-    comparison = run_comparison(compose(tree, [], HERE), tmp_path, workers=2, progress=progress)
+    comparison = run_comparison(
+        compose(tree, [], HERE), tmp_path, execution=Execution(LocalPool(2)), progress=progress
+    )
     stored = json.loads((tmp_path / "scores.json").read_text())["runs"]
     assert [(r["variant"], r["flow"]) for r in stored] == [("zero",) * 2, ("ground_truth",) * 2]
     assert stored[0]["metrics"]["classes"]["car"]["mota"] == 1.0
@@ -152,14 +173,21 @@ def test_partial_files_of_a_killed_writer_are_removed(tmp_path: Path, progress) 
     left = tmp_path / "scenes" / ".a.npz.x7d9.part"
     left.parent.mkdir()
     left.write_bytes(b"half")
-    run_experiment(toy_experiment(scenes=("a",)), RunFolder(tmp_path), workers=1, progress=progress)
+    run_experiment(
+        toy_experiment(scenes=("a",)),
+        RunFolder(tmp_path),
+        execution=Execution(LocalPool(1)),
+        progress=progress,
+    )
     assert not list(tmp_path.rglob("*.part"))
     assert not left.exists()
 
 
 def test_a_run_reports_its_latency(tmp_path: Path, progress) -> None:
     experiment = toy_experiment(scenes=("a", "b"))
-    comparison = run_comparison([experiment], tmp_path, workers=1, progress=progress)
+    comparison = run_comparison(
+        [experiment], tmp_path, execution=Execution(LocalPool(1)), progress=progress
+    )
     report = comparison.runs[0].latency
     assert report is not None
     assert report.budget_ms == pytest.approx(100.0)  # the toy's sweeps are 0.1 s apart
@@ -176,7 +204,8 @@ def test_a_run_reports_its_latency(tmp_path: Path, progress) -> None:
 def test_a_scene_without_detections_names_the_file_that_should_hold_them(
     tmp_path: Path,
 ) -> None:
-    write_synthetic(tmp_path, "kitti", 1, seed=3, duration_s=0.2)
+    world = SyntheticConfig(scenes=1, seed=3, duration_s=0.2)
+    write_synthetic(tmp_path, "kitti", world)
     shutil.rmtree(tmp_path / "detections")
     tree = {"dataset": {"kind": "kitti", "root": str(tmp_path)}, "score_flow": False}
     (experiment,) = compose(tree, [], HERE)

@@ -22,6 +22,7 @@ from mottrack.datasets.argoverse2.log_files import (
 )
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.faults import MissingError
 from mottrack.formats.files import existing_folder, inside
 
@@ -102,7 +103,8 @@ class Argoverse2Scene:
         """
         stamp_ns = self._stamp_ns(index)
         path = self._folder / "sensors" / "lidar" / f"{stamp_ns}.feather"
-        return read_sweep(path, stamp_ns, self._poses[stamp_ns], self._origin_m)
+        read = read_sweep(path, stamp_ns, self._poses[stamp_ns], self._origin_m)
+        return without_own_body(read, self._config.vehicle)
 
     def ground_height(self, xy_m: F64) -> F64:
         """Return the map's height (N,) in metres at (N, 2) places of the world; NaN: unknown."""

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.vehicle import VehicleOutline
 
 
 class FolderConfig(StrictModel):
@@ -25,4 +26,7 @@ class FolderConfig(StrictModel):
     )
     lidar_origin_m: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description="optical centre of the LiDAR in the ego frame"
+    )
+    vehicle: VehicleOutline | None = Field(
+        None, description="outline of your vehicle: points inside it are cut; null: none are"
     )

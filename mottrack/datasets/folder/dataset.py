@@ -16,6 +16,7 @@ from mottrack.datasets.folder.log_files import (
 )
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.files import existing_folder
 
 POSES = "poses.csv"
@@ -96,7 +97,9 @@ class FolderScene:
         """
         stamp_ns = self._stamp_ns(index)
         path = sweep_file(self._folder / "sweeps", stamp_ns)
-        return read_sweep(path, stamp_ns, self._poses[stamp_ns], self._config.lidar_origin_m)
+        config = self._config
+        read = read_sweep(path, stamp_ns, self._poses[stamp_ns], config.lidar_origin_m)
+        return without_own_body(read, config.vehicle)
 
     @property
     def detections_at(self) -> Path:

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.vehicle import VehicleOutline
 
 CLASSES = ("car", "pedestrian", "cyclist")
 CLASS_MAP = {
@@ -23,6 +24,11 @@ CLASS_MAP = {
 }
 """KITTI's types and their labels. `DontCare` regions have no 3-D box and are
 dropped. Truck, tram and misc are not scored, but they move, so flow truth needs them."""
+
+
+VEHICLE = VehicleOutline(front_m=3.0, rear_m=2.0, side_m=1.1)
+"""A Volkswagen Passat, 4.77 by 2.06 m with mirrors, from the Velodyne, which stands 0.76 m before
+its rear axle."""
 
 
 class KittiConfig(StrictModel):
@@ -48,4 +54,7 @@ class KittiConfig(StrictModel):
     )
     class_map: dict[str, str] = Field(
         CLASS_MAP, description="KITTI type to label; types left out are dropped"
+    )
+    vehicle: VehicleOutline | None = Field(
+        VEHICLE, description="points inside it are returns of the own body, and cut; null: none"
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.sweep import SECOND_NS
 from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
@@ -23,6 +24,7 @@ from mottrack.datasets.scene_boxes import (
     unknown_velocities,
 )
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import MissingError
 from mottrack.formats.files import existing_folder
@@ -112,7 +114,9 @@ class KittiScene:
         values = read_float_rows(path, 4)
         check_points(path, values[:, :3])
         check_interval(path, "reflectance", values[:, 3], 1.0)
-        return Sweep(values[:, :3], values[:, 3], self._stamp_ns(number), self._poses[number])
+        stamp_ns, pose = self._stamp_ns(number), self._poses[number]
+        read = Sweep(values[:, :3], values[:, 3], stamp_ns, pose)
+        return without_own_body(read, self._files.config.vehicle)
 
     @property
     def detections_at(self) -> Path:
@@ -123,7 +127,7 @@ class KittiScene:
         return self._numbers[checked_index(index, len(self), self.name)]
 
     def _stamp_ns(self, number: int) -> int:
-        return round(number * self._files.config.period_s * 1e9)
+        return round(number * self._files.config.period_s * SECOND_NS)
 
     def _read_poses(self) -> list[Pose]:
         files, source = self._files, self._files.config.poses

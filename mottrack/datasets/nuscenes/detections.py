@@ -24,12 +24,13 @@ from mottrack.core.errors import DataError, ResultError
 from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.datasets.checks import check_rotations, check_sizes, check_world_places
-from mottrack.datasets.nuscenes.config import CLASSES, DETECTION_NAMES
+from mottrack.datasets.nuscenes.config import DETECTION_NAMES
 from mottrack.datasets.rigid import quaternion_yaws
 from mottrack.datasets.scene_boxes import DetectionTable
 from mottrack.formats.cache import cache_key, is_large
 from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.faults import MissingError, TruncatedError
+from mottrack.formats.nuscenes_classes import CLASSES
 from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, Row, json_array, json_arrays
 
 MAX_SPEED_MPS = 200.0

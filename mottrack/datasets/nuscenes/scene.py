@@ -10,8 +10,9 @@ import numpy as np
 from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import I64
 from mottrack.core.pose import wrap_angle
+from mottrack.core.sweep import seconds_between
 from mottrack.datasets.checks import check_interval, check_points, read_float_rows
-from mottrack.datasets.nuscenes.config import CATEGORY_MAP, CLASSES, NuScenesConfig
+from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.records import SceneRecord
 from mottrack.datasets.rigid import quaternion_pose, quaternion_yaws
@@ -22,7 +23,9 @@ from mottrack.datasets.scene_boxes import (
     truth_of,
 )
 from mottrack.datasets.scenes import checked_index
+from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.files import inside
+from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, CLASSES
 from mottrack.formats.nuscenes_tables import text_of
 
 INTENSITY_MAX = 255.0
@@ -92,7 +95,7 @@ class NuScenesScene:
         """Return the LIDAR_TOP sweep at `index`, in the ego frame.
 
         The file is `.pcd.bin`: float32 x, y, z, intensity, ring in the sensor's own frame,
-        motion-compensated to its time stamp.
+        motion-compensated to its time stamp. Returns of the vehicle itself are left out.
 
         Raises:
             DataError: missing, empty or cut file, a value that is not finite or out of range, or
@@ -108,7 +111,7 @@ class NuScenesScene:
         check_interval(path, "ring", ring, RING_MAX)
         mount = self._record.ego_T_lidar[sweep]
         ego_T_lidar = quaternion_pose(mount[:4], mount[4:], path, "mounting")
-        return Sweep(
+        read = Sweep(
             xyz_m=ego_T_lidar.apply(values[:, :3]).astype(np.float32),
             reflectance=intensity / np.float32(INTENSITY_MAX),
             stamp_ns=self._stamp_ns(sweep),
@@ -116,6 +119,7 @@ class NuScenesScene:
             origin_m=ego_T_lidar.translation_m,
             ring=ring.astype(np.int16),
         )
+        return without_own_body(read, self._config.vehicle)
 
     @property
     def detections_at(self) -> Path:
@@ -179,7 +183,9 @@ def key_frame_truth(record: SceneRecord) -> TruthTable | None:
     """Return the annotations, `frame` counting key frames; None without annotations.
 
     Velocities follow nuScenes' own rule: the difference of the neighbouring annotations'
-    positions, centred where both exist, unknown over more than 1.5 s (3 s centred).
+    positions, centred where both exist, unknown over more than 1.5 s (3 s centred). Categories
+    that are not tracked keep their own name: they are not scored, but some of them move, and what
+    stands in a bicycle rack is not evaluated.
     """
     if not record.annotated[0]:
         return None
@@ -189,7 +195,7 @@ def key_frame_truth(record: SceneRecord) -> TruthTable | None:
     return TruthTable(
         frame=record.box_sample,
         id=record.box_instance,
-        label=np.array([CATEGORY_MAP.get(name, name) for name in categories], dtype=np.str_),
+        label=np.array([CLASS_OF_CATEGORY.get(name, name) for name in categories], dtype=np.str_),
         centre_m=record.box_centre_m,
         size_m=record.box_size_wlh_m[:, [1, 0, 2]],
         yaw_rad=wrap_angle(quaternion_yaws(record.box_rotation)),
@@ -213,8 +219,8 @@ def interpolated_truth(
     before, after = (table.select(table.frame == key) for key in (key_frame, key_frame + 1))
     _, left, right = np.intersect1d(before.id, after.id, return_indices=True)
     before, after = before.select(left), after.select(right)
-    elapsed_ns = int(key_stamp_ns[key_frame + 1] - key_stamp_ns[key_frame])
-    share = (stamp_ns - int(key_stamp_ns[key_frame])) / elapsed_ns
+    before_ns, after_ns = int(key_stamp_ns[key_frame]), int(key_stamp_ns[key_frame + 1])
+    share = (stamp_ns - before_ns) / (after_ns - before_ns)
     moved = after.centre_m - before.centre_m
     turned = wrap_angle(after.yaw_rad - before.yaw_rad)
     return Truth(
@@ -225,7 +231,7 @@ def interpolated_truth(
         yaw_rad=wrap_angle(before.yaw_rad + share * turned),
         label=before.label,
         id=before.id,
-        velocity_mps=moved[:, :2] / (elapsed_ns * 1e-9),
+        velocity_mps=moved[:, :2] / seconds_between(before_ns, after_ns),
         num_points=np.full(len(left), -1),
         interpolated=np.ones(len(left), dtype=bool),
     )

@@ -16,11 +16,29 @@ from mottrack.datasets.nuscenes.records import CHANNEL
 from mottrack.datasets.nuscenes.scene import INTENSITY_MAX
 from mottrack.datasets.nuscenes.static_rows import attribute_of, category_of, token_of
 from mottrack.datasets.nuscenes.submission import box_geometry
+from mottrack.datasets.nuscenes.visibility import visibilities
 from mottrack.datasets.rigid import quaternion_wxyz
 from mottrack.formats.nuscenes_tables import Row
 
-EGO_R_LIDAR = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""nuScenes' LIDAR_TOP looks along its y axis."""
+PITCH_RAD, ROLL_RAD = 0.02, -0.006
+"""Tilt of the mounting, about that of nuScenes' calibrations."""
+_EGO_R_LEVEL = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_PITCH = np.array(
+    [
+        [1.0, 0.0, 0.0],
+        [0.0, np.cos(PITCH_RAD), -np.sin(PITCH_RAD)],
+        [0.0, np.sin(PITCH_RAD), np.cos(PITCH_RAD)],
+    ]
+)
+_ROLL = np.array(
+    [
+        [np.cos(ROLL_RAD), 0.0, np.sin(ROLL_RAD)],
+        [0.0, 1.0, 0.0],
+        [-np.sin(ROLL_RAD), 0.0, np.cos(ROLL_RAD)],
+    ]
+)
+EGO_R_LIDAR = _EGO_R_LEVEL @ _PITCH @ _ROLL
+"""nuScenes' LIDAR_TOP looks along its y axis, and stands a little askew."""
 
 
 class SceneRows:
@@ -106,6 +124,7 @@ class SceneRows:
 
     def _add_boxes(self, sample: str, truth: Truth, sweep: Sweep | None) -> None:
         points = counted_points(truth, sweep)
+        visibility = visibilities(truth, sweep)
         geometry = box_geometry(truth)
         for i, identity in enumerate(truth.id.tolist()):
             category = self._category.setdefault(identity, category_of(str(truth.label[i])))
@@ -114,7 +133,7 @@ class SceneRows:
                 "token": token_of("annotation", sample, identity),
                 "sample_token": sample,
                 "instance_token": token_of("instance", self._name, identity),
-                "visibility_token": "4",
+                "visibility_token": visibility[i],
                 "attribute_tokens": [token_of("attribute", attribute)] if attribute else [],
                 **geometry[i],
                 "num_lidar_pts": int(points[i]),
@@ -170,8 +189,9 @@ def detection_rows(sample: str, found: Objects) -> list[Row]:
 
 
 def _velocity(found: Objects, index: int) -> list[float]:
+    """Return NaN where no velocity was measured, as detectors write it: zero would say at rest."""
     if found.velocity is None or not found.velocity.valid[index]:
-        return [0.0, 0.0]
+        return [float("nan")] * 2
     x, y = found.velocity.mean_mps[index].tolist()
     return [x, y]
 

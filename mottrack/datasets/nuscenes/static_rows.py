@@ -7,13 +7,13 @@ import struct
 import zlib
 from typing import Any
 
-from mottrack.datasets.nuscenes.config import CATEGORY_MAP
 from mottrack.datasets.nuscenes.records import CHANNEL
+from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, RACK_CATEGORY
 
 MAP_FILE = "maps/blank.png"
 DATE = "2020-01-01"
 CATEGORIES = (
-    *CATEGORY_MAP,
+    *CLASS_OF_CATEGORY,
     "human.pedestrian.wheelchair",
     "human.pedestrian.stroller",
     "human.pedestrian.personal_mobility",
@@ -25,11 +25,11 @@ CATEGORIES = (
     "movable_object.trafficcone",
     "movable_object.pushable_pullable",
     "movable_object.debris",
-    "static_object.bicycle_rack",
+    RACK_CATEGORY,
 )
 _CATEGORY_OF = (
     {name: name for name in CATEGORIES}
-    | {name: category for category, name in CATEGORY_MAP.items()}
+    | {name: category for category, name in CLASS_OF_CATEGORY.items()}
     | {"pedestrian": "human.pedestrian.adult", "bus": "vehicle.bus.rigid"}
 )
 """Label to official category; of several with the same label the commonest."""
@@ -45,6 +45,8 @@ ATTRIBUTES = (
     "pedestrian.standing",
     "pedestrian.moving",
 )
+VISIBILITY_SHARES = (0.4, 0.6, 0.8)
+"""Visible shares at which the next level begins."""
 VISIBILITIES = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 _WALKING = ("pedestrian.moving", "pedestrian.standing")
 _RIDDEN = ("cycle.with_rider", "cycle.without_rider")

@@ -11,8 +11,8 @@ import orjson
 from mottrack.core import Boxes, DataError, InputError, SceneResult, TrackTable
 from mottrack.core.arrays import I64
 from mottrack.core.storage import write_bytes
-from mottrack.datasets.nuscenes.config import CLASSES
 from mottrack.datasets.rigid import yaw_quaternions
+from mottrack.formats.nuscenes_classes import CLASSES
 from mottrack.formats.nuscenes_tables import Row
 
 MAX_BOXES = 500

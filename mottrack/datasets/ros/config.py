@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.vehicle import VehicleOutline
 
 
 class RosConfig(StrictModel):
@@ -25,3 +26,6 @@ class RosConfig(StrictModel):
     lidar_yaw_rad: float = Field(0.0, description="heading of the points' frame likewise")
     intensity_max: float = Field(255.0, gt=0, description="intensity that becomes reflectance 1")
     max_gap_s: float = Field(0.5, gt=0, description="longest odometry gap that is bridged")
+    vehicle: VehicleOutline | None = Field(
+        None, description="outline of your vehicle: points inside it are cut; null: none are"
+    )

@@ -13,6 +13,7 @@ from mottrack.datasets.ros.config import RosConfig
 from mottrack.datasets.ros.mcap_file import McapFile, MessageTime
 from mottrack.datasets.ros.messages import Odometry, point_columns
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.faults import OutOfOrderError
 from mottrack.formats.files import existing_folder, inside
 
@@ -94,7 +95,7 @@ class RosScene:
         check_points(self._path, xyz_m)
         intensity = columns.get("intensity", np.zeros(len(xyz_m))).astype(np.float32)
         mounting = Pose.from_yaw(self._config.lidar_yaw_rad, self._config.lidar_position_m)
-        return Sweep(
+        read = Sweep(
             xyz_m=mounting.apply(xyz_m).astype(np.float32),
             reflectance=np.clip(np.nan_to_num(intensity) / self._config.intensity_max, 0.0, 1.0),
             stamp_ns=time.stamp_ns,
@@ -102,6 +103,7 @@ class RosScene:
             origin_m=mounting.translation_m,
             ring=columns["ring"].astype(np.int16) if "ring" in columns else None,
         )
+        return without_own_body(read, self._config.vehicle)
 
     def _time(self, index: int) -> MessageTime:
         return self._times[checked_index(index, len(self), self.name)]

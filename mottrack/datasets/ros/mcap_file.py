@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdError
 
 from mottrack.core.errors import DataError
+from mottrack.core.sweep import SECOND_NS
 
 _STAMP = struct.Struct("<iI")
 """builtin_interfaces/msg/Time, little-endian: seconds, nanoseconds."""
@@ -117,4 +118,4 @@ class McapFile:
 def header_stamp(data: bytes) -> int:
     """Return the stamp, in ns, that begins a message with a header; nothing else is read."""
     seconds, nanoseconds = _STAMP.unpack_from(data, _CDR_HEADER_BYTES)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    return int(seconds) * SECOND_NS + int(nanoseconds)

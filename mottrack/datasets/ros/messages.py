@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError
+from mottrack.core.sweep import SECOND_NS
 from mottrack.datasets.rigid import quaternion_pose
 from mottrack.formats.faults import MissingError
 
@@ -56,7 +57,7 @@ class Odometry:
     """The trajectory of the vehicle, interpolated between nav_msgs/msg/Odometry messages."""
 
     def __init__(self, messages: list[Any], path: Path, max_gap_s: float) -> None:
-        self._path, self._max_gap_ns = path, max_gap_s * 1e9
+        self._path, self._max_gap_ns = path, max_gap_s * SECOND_NS
         rows = sorted((_stamp_ns(message), _pose_values(message)) for message in messages)
         self._stamp_ns = np.array([stamp for stamp, _ in rows], dtype=np.int64)
         self._values = np.array([values for _, values in rows]).reshape(-1, 7)
@@ -90,7 +91,7 @@ class Odometry:
 
 def _stamp_ns(message: Any) -> int:
     stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
 def _pose_values(message: Any) -> list[float]:

@@ -52,13 +52,23 @@ def evaluate_folders(folders: Folders, rules: KittiRules) -> KittiMetrics:
         DataError: a file is missing or malformed.
         ConfigError: the class is unknown.
     """
+    pairs = read_folders(folders, rules)
+    return evaluate([prepare(truth, results, rules) for truth, results in pairs], rules)
+
+
+def read_folders(folders: Folders, rules: KittiRules) -> list[tuple[KittiBoxes, KittiBoxes]]:
+    """Return labels and results of every sequence.
+
+    Raises:
+        DataError: a file is missing or malformed.
+        ConfigError: the class is unknown.
+    """
     if rules.kind not in CLASSES:
         raise unknown_name("class", rules.kind, CLASSES)
-    pairs = [
-        [_read(folder, name, rules) for folder in (folders.labels, folders.tracks)]
+    return [
+        (_read(folders.labels, name, rules), _read(folders.tracks, name, rules))
         for name in folders.sequences
     ]
-    return evaluate([prepare(truth, results, rules) for truth, results in pairs], rules)
 
 
 def _read(folder: Path, sequence: str, rules: KittiRules) -> KittiBoxes:

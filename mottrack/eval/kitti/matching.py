@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.eval.assignment import linear_sum_assignment
 from mottrack.eval.kitti.boxes import KittiBoxes
 from mottrack.geometry.iou import iou_3d
 from mottrack.geometry.rectangles import rectangle_area, rectangle_iou, shared_area

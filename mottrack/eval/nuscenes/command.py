@@ -6,11 +6,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mottrack.core.storage import write_text
-from mottrack.eval.nuscenes.boxes import GroundTruth, Prepared
+from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared
+from mottrack.eval.nuscenes.clean_submission import read_clean
 from mottrack.eval.nuscenes.groundtruth import cached_ground_truth
 from mottrack.eval.nuscenes.metrics import Metrics, evaluate_prepared
 from mottrack.eval.nuscenes.outputs import draw_recall_curves, format_table, write_outputs
@@ -58,7 +60,8 @@ class Evaluation:
 
     metrics: Metrics
     problems: list[Problem]
-    submission: Submission
+    meta: dict[str, Any]
+    """Of the submission."""
     eval_time_s: float
     prepared: Prepared
 
@@ -71,14 +74,23 @@ def run(request: Request) -> Evaluation:
         DataError: the tables are not usable.
     """
     truth = ground_truth(request)
+    clean = read_clean(request.submission, truth.samples, request.rules)
+    meta, boxes, problems = (clean.meta, clean.boxes, []) if clean else _checked(request, truth)
+    began = time.perf_counter()
+    prepared = prepare(truth, boxes, request.rules)
+    metrics = evaluate_prepared(prepared, request.rules)
+    seconds = time.perf_counter() - began
+    return Evaluation(metrics, problems, meta, seconds, prepared)
+
+
+def _checked(
+    request: Request, truth: GroundTruth
+) -> tuple[dict[str, Any], BoxTable, list[Problem]]:
+    """Return meta, boxes and problems of a submission that is read box by box."""
     submission = read_submission(request.submission)
     problems = check(request, submission, truth)
     require_valid(problems, strict=request.strict)
-    began = time.perf_counter()
-    prepared = prepare(truth, to_boxes(submission, truth.samples, request.rules), request.rules)
-    metrics = evaluate_prepared(prepared, request.rules)
-    seconds = time.perf_counter() - began
-    return Evaluation(metrics, problems, submission, seconds, prepared)
+    return submission.meta, to_boxes(submission, truth.samples, request.rules), problems
 
 
 def ground_truth(request: Request) -> GroundTruth:
@@ -100,8 +112,7 @@ def check(request: Request, submission: Submission, truth: GroundTruth) -> list[
 
 def write(evaluation: Evaluation, folder: Path) -> list[Path]:
     """Write all files of an evaluation; the list of problems only if there are any."""
-    meta = evaluation.submission.meta
-    paths = write_outputs(folder, evaluation.metrics, meta, evaluation.eval_time_s)
+    paths = write_outputs(folder, evaluation.metrics, evaluation.meta, evaluation.eval_time_s)
     if evaluation.problems:
         path = folder / "problems.json"
         write_text(path, json.dumps([str(p) for p in evaluation.problems], indent=2))

@@ -21,7 +21,9 @@ from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
-from mottrack.eval.nuscenes.rules import CLASS_OF_CATEGORY, RACK_CATEGORY, Rules
+from mottrack.eval.nuscenes.rules import Rules
+from mottrack.formats.collector import collector_paused
+from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, RACK_CATEGORY
 from mottrack.formats.nuscenes_tables import (
     Row,
     Thinning,
@@ -50,8 +52,9 @@ def read_ground_truth(
         DataError: a table or record is missing, or no scene has one of the names.
     """
     tables = _Tables(dataroot, version)
-    samples = _samples(tables, scene_names)
-    boxes, racks = _annotations(tables, samples, rules or Rules())
+    with collector_paused():
+        samples = _samples(tables, scene_names)
+        boxes, racks = _annotations(tables, samples, rules or Rules())
     return GroundTruth(samples, boxes, racks)
 
 

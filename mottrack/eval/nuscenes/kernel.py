@@ -11,14 +11,13 @@ elsewhere: both shorten the compilation on the first use after an installation.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
 from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
 from mottrack.eval.nuscenes.assignment import Solver, solve
+from mottrack.eval.nuscenes.products import FIRST_FUSED, LAST_FUSED, Products, fma
 
 MISS, MATCH, SWITCH = 0, 1, 2
 TP, IDS, FN, FP, FRAMES, FRAG, MT, ML, TRACKED, WAIT, GAP = range(11)
@@ -42,7 +41,9 @@ TRACK = np.dtype(
         "formats": ["f8", "f8", "i8", "f8", "i8", "i8", "i8"],
     }
 )
-PAIR = np.dtype([("track", "i8"), ("wide", "f8"), ("thin", "f8")])
+PAIR = np.dtype([("track", "i8"), ("wide", "f8"), ("thin", "f8"), ("single", "f8")])
+WIDE, THIN, SINGLE = range(3)
+"""Shapes of a frame: more boxes than one on both sides, on one side, on none."""
 OBJECT = np.dtype(
     [("length", "i8"), ("last", "i8"), ("hits", "i8"), ("run", "i8"), ("longest", "i8")]
 )
@@ -68,32 +69,20 @@ class Scenes(NamedTuple):
     id in the frame (-1: none); then, in a pass, its rank among the boxes of its frame above the
     threshold, or TAKEN, and whether it is a candidate of a true box."""
     pair: NDArray[Any]
-    """(pairs,) of PAIR: predicted box and distance in metres, infinite beyond the gate, as a
-    matrix product rounds it and as it is rounded where one side has one box only."""
+    """(pairs,) of PAIR: predicted box and distance in metres, infinite beyond the gate, as it
+    is rounded in a frame of each shape."""
     object: NDArray[Any]
     """(objects,) of OBJECT: boxes of each true track; then, in a pass, its last match (0: none),
     hits, misses running now, longest run of misses. All zero between passes."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]  # numba ships no types
-def fma(_context: Any, _a: Any, _b: Any, _c: Any) -> Any:
-    """Return a * b + c, rounded once."""
-    signature = types.float64(types.float64, types.float64, types.float64)
-
-    def build(_target: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.fma(*arguments)
-
-    return signature, build
-
-
 @compiled(no_cfunc_wrapper=True)
-def find_candidates(scenes: Scenes, gate: float) -> int:
+def find_candidates(scenes: Scenes, gate: float, products: Products) -> int:
     """List the pairs of each frame nearer than the gate, as far as there is room in `pair`.
 
     Return their number, so that a first call with no room counts them. The official distance is
-    sqrt(|g|^2 + |p|^2 - 2 g.p) by a matrix product, whose rounding depends on its shape: with one
-    box on exactly one side the terms of g.p are added in the other order. At 1e3 m from the
-    origin this moves a distance by up to 1e-5 m.
+    sqrt(|g|^2 + |p|^2 - 2 g.p) by a matrix product, whose rounding depends on its shape and on the
+    processor (`products`). At 1e3 m from the origin this moves a distance by up to 1e-5 m.
     """
     count = 0
     for f in range(len(scenes.frame) - 1):
@@ -110,17 +99,27 @@ def find_candidates(scenes: Scenes, gate: float) -> int:
                 if abs(a - x) > gate + 0.1 or abs(b - y) > gate + 0.1:
                     continue
                 own, other = x * x + y * y, a * a + b * b
-                wide = (-2.0 * fma(y, b, x * a) + own) + other
-                thin = (-2.0 * fma(x, a, y * b) + own) + other
+                last, first, plain = fma(y, b, x * a), fma(x, a, y * b), x * a + y * b
+                way = products.wide
+                dot = last if way == LAST_FUSED else first if way == FIRST_FUSED else plain
+                wide = (-2.0 * dot + own) + other
+                way = products.thin
+                dot = last if way == LAST_FUSED else first if way == FIRST_FUSED else plain
+                thin = (-2.0 * dot + own) + other
+                way = products.single
+                dot = last if way == LAST_FUSED else first if way == FIRST_FUSED else plain
+                single = (-2.0 * dot + own) + other
                 wide = np.sqrt(wide) if wide > 0.0 else 0.0
                 thin = np.sqrt(thin) if thin > 0.0 else 0.0
-                if wide >= gate and thin >= gate:
+                single = np.sqrt(single) if single > 0.0 else 0.0
+                if wide >= gate and thin >= gate and single >= gate:
                     continue
                 if count < len(scenes.pair):
                     pair = scenes.pair[count]
                     pair.track = p
                     pair.wide = wide if wide < gate else np.inf
                     pair.thin = thin if thin < gate else np.inf
+                    pair.single = single if single < gate else np.inf
                 count += 1
     return count
 
@@ -157,7 +156,8 @@ def count_passes(scenes: Scenes, solver: Solver, passes: Passes) -> None:  # noq
                     active += 1
             if boxes + active == 0:
                 continue
-            furthest = _match_frame(scenes, f, (boxes == 1) != (active == 1))
+            shape = WIDE if boxes != 1 and active != 1 else THIN if boxes != active else SINGLE
+            furthest = _match_frame(scenes, f, shape)
             if furthest >= 0.0:
                 _assign(scenes, solver, f, active, furthest)
             passes.distance_m[job] += _record(scenes, f, count)
@@ -176,7 +176,7 @@ def count_passes(scenes: Scenes, solver: Solver, passes: Passes) -> None:  # noq
 
 
 @compiled(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
+def _match_frame(scenes: Scenes, f: int, shape: int) -> float:  # noqa: C901
     """Keep last matches, in the order of truth; then match boxes with one candidate each.
 
     Of several boxes with the remembered id only the first free one is looked at; if that is too
@@ -197,7 +197,7 @@ def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
             before = track.same_before
             while before >= 0 and scenes.track[before].rank == TAKEN:
                 before = scenes.track[before].same_before
-            d = pair.thin if thin else pair.wide
+            d = pair.wide if shape == WIDE else pair.thin if shape == THIN else pair.single
             if before < 0 and d < np.inf:
                 t.match = pair.track
                 t.distance = d
@@ -212,7 +212,7 @@ def _match_frame(scenes: Scenes, f: int, thin: bool) -> float:  # noqa: C901
         for e in range(t.pair, scenes.truth[g + 1].pair):
             pair = scenes.pair[e]
             track = scenes.track[pair.track]
-            d = pair.thin if thin else pair.wide
+            d = pair.wide if shape == WIDE else pair.thin if shape == THIN else pair.single
             if track.rank != TAKEN and d < np.inf:
                 conflict = conflict or t.match >= 0 or track.candidate > 0
                 furthest = d if d > furthest else furthest
@@ -232,7 +232,7 @@ def _assign(  # noqa: C901
     """
     first, end = scenes.frame[f].truth, scenes.frame[f + 1].truth
     boxes = end - first
-    thin = (boxes == 1) != (active == 1)
+    shape = WIDE if boxes != 1 and active != 1 else THIN if boxes != active else SINGLE
     rows, columns = (active, boxes) if active < boxes else (boxes, active)
     forbidden = 2 * rows * (furthest + 1.0) + 1.0
     for i in range(rows):
@@ -249,7 +249,7 @@ def _assign(  # noqa: C901
             for e in range(t.pair, scenes.truth[g + 1].pair):
                 pair = scenes.pair[e]
                 rank = scenes.track[pair.track].rank
-                d = pair.thin if thin else pair.wide
+                d = pair.wide if shape == WIDE else pair.thin if shape == THIN else pair.single
                 if rank == TAKEN or d == np.inf:
                     continue
                 if decided and rank == place:

@@ -21,6 +21,7 @@ from mottrack.eval.nuscenes.kernel import (
     find_candidates,
 )
 from mottrack.eval.nuscenes.prepare import prepare
+from mottrack.eval.nuscenes.products import RECORDED, of_this_machine
 from mottrack.eval.nuscenes.rules import (
     FRAME_SECONDS,
     LEVEL_METRICS,
@@ -105,9 +106,10 @@ def class_scenes(prepared: Prepared, label: int, rules: Rules) -> Scenes:
         pair=np.zeros(0, kernel.PAIR),
         object=_records(kernel.OBJECT, length=np.bincount(object_of)),
     )
-    pairs = find_candidates(scenes, rules.match_distance_m)
+    products = RECORDED if rules.arithmetic == "recorded" else of_this_machine()
+    pairs = find_candidates(scenes, rules.match_distance_m, products)
     scenes = scenes._replace(pair=np.zeros(pairs, kernel.PAIR))
-    find_candidates(scenes, rules.match_distance_m)
+    find_candidates(scenes, rules.match_distance_m, products)
     return scenes
 
 

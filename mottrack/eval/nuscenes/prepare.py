@@ -9,8 +9,10 @@ from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Racks, Samples
-from mottrack.eval.nuscenes.rules import RACKED_CLASSES, RANGES_M, Rules
+from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared, Samples
+from mottrack.eval.nuscenes.racks import in_rack, racks_in
+from mottrack.eval.nuscenes.rules import RANGES_M, Rules
+from mottrack.formats.nuscenes_classes import RACKED_CLASSES
 
 FAR_M = 1e4
 """Scenes farther than this from the origin are shifted there. No map of nuScenes reaches as far:
@@ -69,47 +71,9 @@ def kept_boxes(boxes: BoxTable, truth: GroundTruth, rules: Rules) -> Mask:
     kept &= boxes.num_points != 0
     racked = [i for i, name in enumerate(rules.classes) if name in RACKED_CLASSES]
     suspects = np.flatnonzero(kept & np.isin(boxes.label, racked))
-    kept[suspects[_in_rack(boxes.select(suspects), truth.racks)]] = False
+    sample, centre_m = boxes.sample[suspects], boxes.centre_m[suspects]
+    kept[suspects[in_rack(sample, centre_m, truth.racks)]] = False
     return kept
-
-
-def _in_rack(boxes: BoxTable, racks: Racks) -> Mask:
-    """Return whether the centre lies in a rack of its sample (N,), faces included."""
-    order = np.argsort(racks.sample, kind="stable")
-    first = np.searchsorted(racks.sample[order], boxes.sample, "left")
-    count = np.searchsorted(racks.sample[order], boxes.sample, "right") - first
-    box = np.repeat(np.arange(len(boxes)), count)
-    within = np.arange(len(box)) - np.repeat(np.cumsum(count) - count, count)
-    rack = order[first[box] + within]
-    corners = _corners(racks)[rack]
-    inside = np.ones(len(box), np.bool_)
-    offset = boxes.centre_m[box] - corners[:, 0]
-    for end in (1, 2, 3):
-        edge = corners[:, end] - corners[:, 0]
-        along = (edge * offset).sum(axis=1)
-        inside &= (along >= 0) & (along <= (edge * edge).sum(axis=1))
-    return np.bincount(box[inside], minlength=len(boxes)) > 0
-
-
-def _corners(racks: Racks) -> F64:
-    """Return a corner of each rack and its neighbours along the three edges, (R, 4, 3)."""
-    width, length, height = racks.size_m.T / 2
-    signs = np.array([[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]])
-    local = signs[None] * np.stack([length, width, height], axis=1)[:, None]
-    rotated: F64 = np.einsum("rij,rkj->rki", _rotations(racks.rotation_wxyz), local)
-    return rotated + racks.centre_m[:, None]
-
-
-def _rotations(quaternion_wxyz: F64) -> F64:
-    """Return rotation matrices, (R, 3, 3)."""
-    norm = np.linalg.norm(quaternion_wxyz, axis=1, keepdims=True)
-    w, x, y, z = (quaternion_wxyz / np.where(norm > 0, norm, 1.0)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
 
 
 def mean_scores(boxes: BoxTable) -> F64:
@@ -187,7 +151,8 @@ def prepare_results(results: Sequence[SceneResult], rules: Rules) -> Prepared:
         stamp_us=np.concatenate([r.frames.stamp_ns for r in results]) // 1000,
         ego_xy_m=np.concatenate([r.frames.world_T_ego[:, :2, 3] for r in results]),
     )
-    return prepare(GroundTruth(samples, _merged(truth), Racks.none()), _merged(tracks), rules)
+    racks = racks_in([result.truth for result in results], offsets.tolist())
+    return prepare(GroundTruth(samples, _merged(truth), racks), _merged(tracks), rules)
 
 
 def _near_origin(result: SceneResult) -> SceneResult:

@@ -3,24 +3,11 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Interpolation = Literal["official", "fixed"]
+from mottrack.formats.nuscenes_classes import CLASSES
 
-CLASSES = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
-CLASS_OF_CATEGORY = {
-    "vehicle.bicycle": "bicycle",
-    "vehicle.bus.bendy": "bus",
-    "vehicle.bus.rigid": "bus",
-    "vehicle.car": "car",
-    "vehicle.motorcycle": "motorcycle",
-    "human.pedestrian.adult": "pedestrian",
-    "human.pedestrian.child": "pedestrian",
-    "human.pedestrian.construction_worker": "pedestrian",
-    "human.pedestrian.police_officer": "pedestrian",
-    "vehicle.trailer": "trailer",
-    "vehicle.truck": "truck",
-}
-RACK_CATEGORY = "static_object.bicycle_rack"
-RACKED_CLASSES = ("bicycle", "motorcycle")
+Interpolation = Literal["official", "fixed"]
+Arithmetic = Literal["recorded", "machine"]
+
 MAX_BOXES_PER_SAMPLE = 500
 """Of the official configuration, like the ranges and the worst values below."""
 FRAME_SECONDS = 0.5
@@ -68,6 +55,9 @@ class Rules:
     interpolation: Interpolation = "official"
     """How gaps in tracks are filled. "official" swaps the weights of the two neighbours, as the
     devkit does (its issue 1141); "fixed" is linear interpolation."""
+    arithmetic: Arithmetic = "recorded"
+    """How the official distance rounds, which depends on the processor: "recorded" is the same on
+    every machine, "machine" is what the devkit does on this one (see `products`)."""
 
     @classmethod
     def for_classes(cls, classes: tuple[str, ...]) -> "Rules":

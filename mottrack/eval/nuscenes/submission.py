@@ -11,9 +11,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import orjson
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError, MottrackError
 from mottrack.eval.nuscenes.boxes import BoxTable, Samples
 from mottrack.eval.nuscenes.rules import MAX_BOXES_PER_SAMPLE, Rules
+from mottrack.formats.collector import collector_paused
 from mottrack.formats.nuscenes_splits import best_split, splits_of
 from mottrack.formats.nuscenes_tables import NuScenesTables, RecordFilter
 
@@ -32,7 +34,7 @@ UNIT_TOLERANCE = 1e-3
 """Of a quaternion's norm: what a file with four decimals keeps."""
 FAR_FROM_EGO_M = 200.0
 """Farther than any LiDAR sees: such boxes are in another frame."""
-_FRAME_CHECK_BOXES = 3
+FRAME_CHECK_BOXES = 3
 """Boxes of each sample that the check of the frame reads: their median is enough."""
 _SHOWN = 20
 """Problems that an error message lists one by one: about a screen."""
@@ -72,7 +74,8 @@ def _parse(path: Path, text: bytes) -> Any:
     The slow parser takes NaN and Infinity, which are not JSON but which Python writes.
     """
     try:
-        return orjson.loads(text)
+        with collector_paused():
+            return orjson.loads(text)
     except orjson.JSONDecodeError:
         try:
             return json.loads(text)
@@ -363,7 +366,7 @@ def _check_frame(submission: Submission, samples: Samples) -> Iterator[Problem]:
     row_of = {token: row for row, token in enumerate(samples.token.tolist())}
     rows, centres = [], []
     for token, index, box in _boxes(submission):
-        if index >= _FRAME_CHECK_BOXES:
+        if index >= FRAME_CHECK_BOXES:
             continue
         centre = box.get("translation") if isinstance(box, dict) else None
         if token in row_of and centre is not None and _is_vector(centre, 3):
@@ -371,16 +374,25 @@ def _check_frame(submission: Submission, samples: Samples) -> Iterator[Problem]:
             centres.append(centre[:2])
     if not centres:
         return
-    xy = np.array(centres, np.float64)
-    from_ego = np.hypot(*(xy - samples.ego_xy_m[rows]).T)
-    from_origin = np.hypot(*xy.T)
-    if np.median(from_ego) > FAR_FROM_EGO_M and np.median(from_origin) < FAR_FROM_EGO_M:
+    xy_m, ego_xy_m = np.array(centres, np.float64), samples.ego_xy_m[rows]
+    if in_ego_frame(xy_m, ego_xy_m):
         text = (
-            f"boxes are {np.median(from_ego):.0f} m from the vehicle and "
-            f"{np.median(from_origin):.0f} m from the origin (medians): "
+            f"boxes are {np.median(np.hypot(*(xy_m - ego_xy_m).T)):.0f} m from the vehicle and "
+            f"{np.median(np.hypot(*xy_m.T)):.0f} m from the origin (medians): "
             "ego instead of global coordinates"
         )
         yield Problem("error", submission.path, "", -1, "translation", text)
+
+
+def in_ego_frame(xy_m: F64, ego_xy_m: F64) -> bool:
+    """Return whether boxes are near the origin and far from the vehicle, by medians.
+
+    Args:
+        xy_m: (N, 2) centres of boxes, N at least 1.
+        ego_xy_m: (N, 2) where the vehicle is in their samples.
+    """
+    from_ego_m = np.median(np.hypot(*(xy_m - ego_xy_m).T))
+    return bool(from_ego_m > FAR_FROM_EGO_M and np.median(np.hypot(*xy_m.T)) < FAR_FROM_EGO_M)
 
 
 def describe_samples(dataroot: Path, version: str, tokens: Collection[str]) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -16,14 +14,15 @@ from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
+from mottrack.core.processes import available_cores
 from mottrack.core.sweep import Sweep, seconds_between
-from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
 from mottrack.flow.dogma.measurement_grid import OBSTACLE, SensorConfig, measure, returns_of
 from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds
 
 REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
@@ -54,8 +53,7 @@ class DogmaFlow(FlowSourceBase):
     """Recursive flow, unlike that from two sweeps: a particle filter over a whole scene."""
 
     Config = DogmaConfig
-    error_model = replace(FLOW_ERRORS, relative=0.0)
-    """Its covariance has the relative part in it (`ReadoutConfig.relative`)."""
+    error_model = shipped_errors("dogma")
     stateful = True
     """Each estimate builds on all sweeps before it."""
 
@@ -63,7 +61,7 @@ class DogmaFlow(FlowSourceBase):
         self.config = config or DogmaConfig()
         self.grid = grid or BevGrid()
         self._ground = self.config.ground.reaching(self.grid)
-        self._workers = Workers(min(self.config.threads, os.cpu_count() or 1))
+        self._workers = Workers(min(self.config.threads, available_cores()))
         self.reset()
 
     def reset(self) -> None:

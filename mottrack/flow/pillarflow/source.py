@@ -15,8 +15,8 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
-from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
+from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig
 from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds
 
@@ -76,7 +76,6 @@ class PillarFlow(FlowSourceBase):
     """
 
     Config: type[PillarFlowConfig] = PillarFlowConfig
-    error_model = FLOW_ERRORS
 
     def __init__(
         self, config: PillarFlowConfig | None = None, *, grid: BevGrid | None = None
@@ -93,6 +92,8 @@ class PillarFlow(FlowSourceBase):
 
         self.config = config or self.Config()
         self.grid = grid or BevGrid()
+        self.errors_name = self.config.weights + ("" if self.config.refined else "_raw")
+        self.error_model = shipped_errors(self.errors_name)
         self.stages = Stages(self.config.stages, self.grid)
         weights = load_weights(weights_path(self.config.weights))
         self.cells = weights.network.cells(self.grid)

@@ -17,6 +17,7 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
+from mottrack.core.sweep import seconds_between
 from mottrack.trackers.fixed_lag.config import MotionModelConfig
 from mottrack.trackers.fixed_lag.motion import STATE_DIM, predict
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
@@ -203,7 +204,7 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
         there, seen = recent.there[:, :, None, None], has[:, :, None, None]
         return History(
             there=recent.there,
-            age_s=np.where(recent.there, (stamp_ns[:, -1:] - stamp_ns) * 1e-9, 0.0),
+            age_s=np.where(recent.there, seconds_between(stamp_ns, stamp_ns[:, -1:]), 0.0),
             position_m=found["position_m"] - self._anchor_m[slots],
             position_covariance_m2=np.where(there, found["position_covariance_m2"], np.eye(2)),
             velocity_mps=np.where(seen[..., 0], found["velocity_mps"], 0.0),
@@ -238,7 +239,7 @@ class FixedLagEngine(ABC, Generic[EngineNodes]):
 
     def _since(self, slots: I64, stamp_ns: int) -> F64:
         """Return the seconds (N,) from the newest node of each track to `stamp_ns`."""
-        return np.asarray((stamp_ns - self._stamp_ns[slots]) * 1e-9, np.float64)
+        return seconds_between(self._stamp_ns[slots], stamp_ns)
 
     def _reserve(self, slots: I64) -> None:
         self.store.reserve(slots)

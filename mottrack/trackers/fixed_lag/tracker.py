@@ -10,6 +10,7 @@ from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.checks import as_stamp
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.objects import Objects, Tracks
+from mottrack.core.sweep import SECOND_NS, seconds_between
 from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.geometry.two_by_two import mahalanobis_2x2
 from mottrack.trackers.fixed_lag import merge_split
@@ -91,7 +92,7 @@ class FixedLagTracker:
             raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
         if self._stamp_ns is not None:
             max_age_s = self.config.track_management.max_age_s
-            self._step_s = min((stamp_ns - self._stamp_ns) * 1e-9, max_age_s)
+            self._step_s = min(seconds_between(self._stamp_ns, stamp_ns), max_age_s)
         self._stamp_ns = stamp_ns
         predicted = self._predict(stamp_ns)
         objects, pairs = self._join_fragments(predicted, objects)
@@ -152,7 +153,7 @@ class FixedLagTracker:
         split_ns[np.setdiff1d(predicted.slots, apart)] = -1
         split_ns[apart] = np.where(split_ns[apart] < 0, stamp_ns, split_ns[apart])
         since_ns = stamp_ns - split_ns[apart]
-        recent = since_ns <= self.config.merge_split.max_coast_s * 1e9
+        recent = since_ns <= self.config.merge_split.max_coast_s * SECOND_NS
         return [group for group, kept in zip(groups, recent, strict=True) if kept]
 
     def _find_merged(self, predicted: _Predicted, pairs: Overlaps, stamp_ns: int) -> _Merged:
@@ -167,7 +168,7 @@ class FixedLagTracker:
             confirmed = slots[self._tracks["hits"][slots] >= self.config.track_management.min_hits]
             merged_ns = self._tracks["merged_ns"][confirmed]
             since_ns = np.where(merged_ns >= 0, merged_ns, stamp_ns)
-            if len(confirmed) < 2 or stamp_ns - since_ns.min() > config.max_coast_s * 1e9:
+            if len(confirmed) < 2 or stamp_ns - since_ns.min() > config.max_coast_s * SECOND_NS:
                 continue
             self._tracks["merged_ns"][confirmed] = since_ns
             found.objects[row] = True
@@ -201,7 +202,7 @@ class FixedLagTracker:
     def _inflation_m2(self, slots: I64, stamp_ns: int) -> F64:
         """Return the variance (N,) of young tracks' positions if their velocity was an outlier."""
         young = self._tracks["hits"][slots] < self.config.association.young_hits
-        dt_s = (stamp_ns - self._tracks["seen_ns"][slots]) * 1e-9
+        dt_s = seconds_between(self._tracks["seen_ns"][slots], stamp_ns)
         reach_m = self.config.motion.birth_speed_sigma_mps * dt_s
         return np.where(young, reach_m**2, 0.0)
 
@@ -297,7 +298,7 @@ class FixedLagTracker:
         extra_s = np.where(merged, self.config.merge_split.max_coast_s, 0.0)
         limit_s = self.config.track_management.max_age_s + extra_s
         unseen_ns = stamp_ns - self._tracks["seen_ns"][slots]
-        for slot in slots[unseen_ns > limit_s * 1e9].tolist():
+        for slot in slots[unseen_ns > limit_s * SECOND_NS].tolist():
             self._engine.release(slot)
             self._tracks.release(slot)
 
@@ -351,7 +352,7 @@ def make_engine(config: FixedLagConfig) -> Engine:
     Raises:
         ConfigError: GTSAM is asked for where it is not installed (there is none for Windows).
     """
-    lag_ns = round(config.lag_s * 1e9)
+    lag_ns = round(config.lag_s * SECOND_NS)
     if config.engine == "numpy":
         return NumpyEngine(config.motion, lag_ns)
     try:

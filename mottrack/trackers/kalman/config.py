@@ -55,6 +55,12 @@ class VelocityConfig(StrictModel):
     covariance: tuple[float, float, float] | None = Field(
         None, description="R_d as (xx, xy, yy) in (m/s)^2 for every measurement; none: its own"
     )
+    noise: Literal["measured", "class"] = Field(
+        "measured", description="R_d: each measurement's own, or that of its source by class"
+    )
+    class_variance: dict[str, Positive] = Field(
+        default_factory=dict, description="R_d of one axis by class in (m/s)^2, for noise: class"
+    )
     floor_mps: float = Field(0.3, gt=0, description="standard deviation added in quadrature")
     relative: float | None = Field(
         None, ge=0, description="share of the velocity added along it; none: the source's"
@@ -234,5 +240,17 @@ PRESETS: dict[str, dict[str, Any]] = {
         "track_management": {"rule": "existence", "max_misses": 5, "max_coast_s": 6.0},
     },
     "stanford_iprl_tri": _PUBLISHED,
-    "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"}},
+    # the 9-D observation with blockdiag(R, R_d) of section IV-D and nothing else: every velocity
+    # that was measured is believed as far as R_d says
+    "pillarflow": _PUBLISHED
+    | {
+        "velocity": {
+            "use": True,
+            "birth": "replace",
+            "noise": "class",
+            "relative": 0.0,
+            "p_missed_motion": 0.0,
+            "p_outlier": 0.0,
+        }
+    },
 }

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
@@ -181,7 +181,11 @@ def _velocities(objects: Objects, rows: I64, config: KalmanConfig, relative: flo
         n = len(rows)
         return _Velocities(np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, bool))
     covariance = measured.covariance_m2ps2[rows]
-    if settings.covariance is not None:
+    known = dict(measured.error_model.class_variances) | settings.class_variance
+    if settings.noise == "class" and known:
+        variance = _by_class(objects.label[rows], known)
+        covariance = variance[:, None, None] * np.eye(2)
+    elif settings.covariance is not None:
         xx, xy, yy = settings.covariance
         covariance = np.broadcast_to(np.array([[xx, xy], [xy, yy]]), covariance.shape)
     else:
@@ -190,3 +194,9 @@ def _velocities(objects: Objects, rows: I64, config: KalmanConfig, relative: flo
     if relative > 0:
         covariance = covariance + relative**2 * mean[:, :, None] * mean[:, None, :]
     return _Velocities(mean, covariance, measured.valid[rows])
+
+
+def _by_class(label: Texts, known: dict[str, float]) -> F64:
+    """Return the variance (N,) of each label; classes without one of their own get the largest."""
+    others = known.get("all", max(known.values()))
+    return np.array([known.get(name, others) for name in label.tolist()], np.float64)

@@ -12,6 +12,7 @@ from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import ConfigError
 from mottrack.core.objects import Tracks
 from mottrack.core.pose import wrap_angle
+from mottrack.core.sweep import seconds_between
 from mottrack.trackers.kalman.association import heading_residual
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.noise import NoiseTable, process_covariance
@@ -106,7 +107,7 @@ class _Model:
 
     def _predict(self, estimate: _Estimate, step: int) -> tuple[_Estimate, F64]:
         """Return the estimate carried to a later step, and the transition F (11, 11)."""
-        dt_s = float(self.stamps_ns[step] - self.stamps_ns[estimate.step]) * 1e-9
+        dt_s = seconds_between(int(self.stamps_ns[estimate.step]), int(self.stamps_ns[step]))
         transition = np.eye(STATE_SIZE)
         transition[POSE, RATE] = dt_s * np.eye(4)
         growth = process_covariance(self.process, np.array([dt_s]), self.wiener)[0]

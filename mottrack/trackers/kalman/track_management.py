@@ -10,6 +10,7 @@ from typing_extensions import override
 
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.sweep import SECOND_NS, seconds_between
 from mottrack.trackers.kalman.track_rows import TrackRows
 
 ROUNDING = 1e-6
@@ -143,7 +144,7 @@ class TrackManagement:
     def _within(self, tracks: TrackRows, stamp_ns: int, limit_s: float) -> Mask:
         """Return which tracks were last detected at most `limit_s` ago, compared in integer ns."""
         coasted_ns = stamp_ns - tracks.seen_ns
-        allowed = coasted_ns <= round(limit_s * 1e9)
+        allowed = coasted_ns <= round(limit_s * SECOND_NS)
         if self._config.coast_at_most_age:
             allowed &= coasted_ns <= tracks.seen_ns - tracks.born_ns
         return allowed
@@ -156,7 +157,7 @@ class TrackManagement:
             "confidence": tracks.confidence,
         }
         score = kinds[self._config.score]
-        coasted_s = (stamp_ns - tracks.seen_ns) * 1e-9
+        coasted_s = seconds_between(tracks.seen_ns, stamp_ns)
         loss = 1.0 - self._config.decay_per_s**coasted_s
         return np.asarray(score - loss * np.abs(score))
 

@@ -11,6 +11,7 @@ from mottrack.core.checks import as_stamp
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
+from mottrack.core.sweep import seconds_between
 from mottrack.geometry.two_by_two import density_2x2
 from mottrack.trackers.kalman.association import (
     Predicted,
@@ -107,7 +108,7 @@ class KalmanTracker:
             return self.config.frame_s if self.config.time == "frames" else 1.0
         if stamp_ns <= self._stamp_ns:
             raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
-        return (stamp_ns - self._stamp_ns) * 1e-9
+        return seconds_between(self._stamp_ns, stamp_ns)
 
     def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
         bank = self._bank

@@ -13,6 +13,7 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
+from mottrack.core.sweep import SECOND_NS, seconds_between
 from mottrack.trackers.kalman.association import heading_residual
 from mottrack.trackers.kalman.config import ClassNoise
 from mottrack.trackers.kalman.noise_tables import SIZE_M2PS, WANDER_M2PS, WANDER_RAD2PS
@@ -45,11 +46,16 @@ class ClassEstimate:
 
 @dataclass(frozen=True, slots=True)
 class VelocityEstimate:
-    """R_d of a velocity source: one variance for both axes, which turn with the object."""
+    """R_d of a velocity source: one variance for both axes, which turn with the object.
+
+    No velocity is left out: those of movers err most, and the filter meets them too.
+    """
 
     variance_m2ps2: float
+    """Over all classes."""
+    class_variance_m2ps2: dict[str, float]
+    """Of each class with enough velocities."""
     measured: int
-    outliers: int
     bias_mps: tuple[float, float]
 
 
@@ -76,15 +82,16 @@ def estimate_velocity_noise(samples: NoiseSamples) -> VelocityEstimate | None:
     error = samples.velocity_error[np.isfinite(samples.velocity_error).all(axis=1)]
     if len(error) < LEAST_COUNT:
         return None
-    good = inliers(error[:, 0]) & inliers(error[:, 1])
-    variance = float(np.mean(error[good] ** 2))
-    bias = error[good].mean(axis=0)
-    return VelocityEstimate(
-        max(variance, SMALLEST_VARIANCE),
-        len(error),
-        int((~good).sum()),
-        (float(bias[0]), float(bias[1])),
-    )
+    label = samples.label[np.isfinite(samples.velocity_error).all(axis=1)]
+    square = 0.5 * np.sum(error**2, axis=1)
+    by_class = {
+        str(name): max(float(square[label == name].mean()), SMALLEST_VARIANCE)
+        for name in np.unique(label)
+        if np.count_nonzero(label == name) >= LEAST_COUNT
+    }
+    bias = error.mean(axis=0)
+    whole = max(float(square.mean()), SMALLEST_VARIANCE)
+    return VelocityEstimate(whole, by_class, len(error), (float(bias[0]), float(bias[1])))
 
 
 def inliers(error: F64) -> Mask:
@@ -164,7 +171,8 @@ def _changes(samples: NoiseSamples, label: str) -> _Changes:
         picked = rows[_spaced(samples.true_stamp_ns[rows])]
         if len(picked) < 3:
             continue
-        step_s = np.diff(samples.true_stamp_ns[picked])[:, None] * 1e-9
+        stamp_ns = samples.true_stamp_ns[picked]
+        step_s = seconds_between(stamp_ns[:-1], stamp_ns[1:])[:, None]
         box = samples.true_box[picked]
         difference = np.diff(box[:, :4], axis=0)
         difference[:, 3] = heading_residual(difference[:, 3])
@@ -185,7 +193,7 @@ def _spaced(stamp_ns: I64) -> list[int]:
     """Return positions of stamps at least `BASELINE_S` apart, the first included."""
     picked = [0]
     for k, stamp in enumerate(stamp_ns.tolist()):
-        if stamp - stamp_ns[picked[-1]] >= BASELINE_S * 1e9:
+        if stamp - stamp_ns[picked[-1]] >= BASELINE_S * SECOND_NS:
             picked.append(k)
     return picked
 

@@ -46,7 +46,7 @@ def test_every_value_equals_the_official_one(golden: dict[str, Any], name: str) 
         case.data, "v1.0-trainval", str(case.scenes), case.data / "submission.json"
     )
     evaluation = command.run(request)
-    meta = evaluation.submission.meta
+    meta = evaluation.meta
     summary = json.loads((case.official / "metrics_summary.json").read_text())
     details = json.loads((case.official / "metrics_details.json").read_text())
     summary.pop("eval_time")

@@ -5,13 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mottrack.core.velocity_errors import FLOW_ERRORS, NO_OUTLIERS
+from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 from mottrack.trackers.fixed_lag import FixedLagTracker
 from mottrack.trackers.fixed_lag.config import MissedMotionConfig
 from mottrack.trackers.fixed_lag.engine import History
 from mottrack.trackers.fixed_lag.missed_motion import MissedMotionTest, displacement_velocity
 
 from .conftest import MakeObjects
+
+FLOW_ERRORS = VelocityErrorModel(relative=0.45, p_missed_motion=0.35, p_outlier=0.1)
+"""Of a source that loses a third of the motions."""
+
 
 CAR = (4.0, 2.0)
 

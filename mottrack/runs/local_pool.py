@@ -5,76 +5,62 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import traceback
-from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from typing import Protocol, cast
+from typing import cast
 
-from mottrack.core.errors import MottrackError
-from mottrack.core.processes import end_with_parent
-from mottrack.experiment.experiment import Experiment
-
-Key = tuple[Path, str]
-OnFrame = Callable[[int, int], None]
-ATTEMPTS = 2
-"""Per scene: a worker may be killed for lack of memory while another one peaks."""
-FRAMES_PER_MESSAGE = 10
-"""Frames between two messages of progress: about one a second, so that pipes stay idle."""
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
+from mottrack.core.processes import available_cores, end_with_parent
+from mottrack.runs.tasks import (
+    DIED,
+    THREAD_VARIABLES,
+    Job,
+    Outcome,
+    Progress,
+    Task,
+    Work,
+    attempt,
 )
 
+FRAMES_PER_MESSAGE = 10
+"""Frames between two messages of progress: about one a second, so that pipes stay idle."""
+
 
 @dataclass(frozen=True)
-class Task:
-    """One scene of one experiment."""
+class LocalPool:
+    """Supervised processes of this machine, with one task each at a time.
 
-    experiment: Experiment
-    scene: str
-    folder: Path
+    Each process computes with one thread, so that results do not depend on their number.
+    """
+
+    workers: int = 0
+    """Number of processes; 0: one per core."""
 
     @property
-    def key(self) -> Key:
-        """Identity of the task: every run may have a scene of that name."""
-        return self.folder, self.scene
+    def slots(self) -> int:
+        """Number of processes."""
+        return self.workers or available_cores()
 
+    def check(self, scenes: Mapping[Job, tuple[str, ...]]) -> None:
+        """Accept: this machine is the one that has planned the work."""
 
-@dataclass(frozen=True)
-class Outcome:
-    """End of a task; an empty error means that its result is stored."""
-
-    scene: str
-    error: str = ""
-    folder: Path = Path()
-
-
-class Progress(Protocol):
-    """Receives the progress of the work."""
-
-    def begin(self, title: str, scenes: int, todo: int) -> None:
-        """Start a run of ``scenes`` scenes, of which ``todo`` have no result yet."""
-        ...
-
-    def frames(self, scene: str, done: int, total: int) -> None:
-        """Report the frames of a scene that are done."""
-        ...
-
-    def scene_ends(self, outcome: Outcome) -> None:
-        """Report a scene that is finished or has failed."""
-        ...
-
-
-Work = Callable[[Task, OnFrame], None]
-DIED = "its process died (killed, out of memory, or a crash in a library)"
+    def run(self, tasks: Sequence[Task], work: Work, progress: Progress) -> list[Outcome]:
+        """Run every task; a process that dies is replaced, and only its task is lost."""
+        pool = _Pool(work, progress, deque(tasks))
+        try:
+            for _ in range(min(self.slots, len(tasks))):
+                pool.start_worker()
+            while pool.busy:
+                for connection in wait(list(pool.busy)):
+                    pool.receive(pool.busy[cast(Connection, connection)])
+        finally:
+            pool.terminate()
+        return [pool.outcomes[job.folder.path, task.scene] for task in tasks for job in task.jobs]
 
 
 @dataclass
@@ -82,29 +68,6 @@ class _Worker:
     process: SpawnProcess
     connection: Connection
     task: Task | None = None
-
-
-def run_tasks(
-    tasks: Sequence[Task], work: Work, *, workers: int, progress: Progress
-) -> list[Outcome]:
-    """Run every task in one of ``workers`` processes.
-
-    Each process computes with one thread, so that results do not depend on their number. A task
-    that raises fails at once; one whose process dies is tried once more, in a new process.
-
-    Returns:
-        The outcomes in the order of the tasks.
-    """
-    pool = _Pool(work, progress, deque(tasks))
-    try:
-        for _ in range(min(max(workers, 1), len(tasks))):
-            pool.start_worker()
-        while pool.busy:
-            for connection in wait(list(pool.busy)):
-                pool.receive(pool.busy[cast(Connection, connection)])
-    finally:
-        pool.terminate()
-    return [pool.outcomes[task.key] for task in tasks]
 
 
 @dataclass
@@ -116,8 +79,7 @@ class _Pool:
     queue: deque[Task]
     busy: dict[Connection, _Worker] = field(default_factory=dict)
     idle: list[_Worker] = field(default_factory=list)
-    outcomes: dict[Key, Outcome] = field(default_factory=dict)
-    deaths: Counter[Key] = field(default_factory=Counter)
+    outcomes: dict[tuple[Path, str], Outcome] = field(default_factory=dict)
 
     def start_worker(self) -> None:
         """Start a process and give it a task."""
@@ -139,7 +101,7 @@ class _Pool:
         except (EOFError, ConnectionResetError):
             self._retry(worker, task)
             return
-        if isinstance(message, Outcome):
+        if isinstance(message, list):
             self._end(message)
             self._give_task(worker)
         else:
@@ -164,17 +126,17 @@ class _Pool:
         """Queue the task of a dead worker again, unless it was the last attempt."""
         del self.busy[worker.connection]
         worker.process.join()
-        self.deaths[task.key] += 1
-        if self.deaths[task.key] < ATTEMPTS:
-            self.queue.append(task)
-        else:
-            self._end(Outcome(task.scene, DIED, task.folder))
+        again = task.after_death()
+        self.queue.extend(again)
+        if not again:
+            self._end(task.failed(DIED))
         if self.queue:
             self.start_worker()
 
-    def _end(self, outcome: Outcome) -> None:
-        self.outcomes[outcome.folder, outcome.scene] = outcome
-        self.progress.scene_ends(outcome)
+    def _end(self, outcomes: list[Outcome]) -> None:
+        for outcome in outcomes:
+            self.outcomes[outcome.folder, outcome.scene] = outcome
+            self.progress.scene_ends(outcome)
 
 
 def _serve(connection: Connection, work: Work) -> None:
@@ -187,23 +149,9 @@ def _serve(connection: Connection, work: Work) -> None:
     end_with_parent()
     while True:
         try:
-            connection.send(_outcome(connection.recv(), work, on_frame))
+            connection.send(attempt(work, connection.recv(), on_frame))
         except (EOFError, BrokenPipeError, ConnectionResetError):
             return  # the parent has ended
-
-
-def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
-    try:
-        work(task, on_frame)
-    except (BrokenPipeError, ConnectionResetError):
-        raise
-    except MottrackError as error:
-        return Outcome(task.scene, str(error), task.folder)
-    except Exception as error:  # noqa: BLE001 - only this scene fails, whatever the error
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(place.filename).name}:{place.lineno}"
-        return Outcome(task.scene, f"{type(error).__name__}: {error} ({where})", task.folder)
-    return Outcome(task.scene, folder=task.folder)
 
 
 @contextmanager

@@ -1,0 +1,46 @@
+"""`mottrack stress`: trackers under detections and flow that get worse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mottrack.cli.arguments import Config, Sweep
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verbs to the application."""
+    app.command("stress")(stress)
+
+
+def stress(
+    config: Config,
+    overrides: Sweep = None,
+    *,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results.")],
+    kinds: Annotated[
+        str, typer.Option(help="Kinds of damage, separated by commas; by default all.")
+    ] = "",
+) -> None:
+    """Degrade detections and flow step by step and report where each tracker fails.
+
+    Example: mottrack stress demo flow=zero tracker=kalman --kinds dropout,jitter --out out/stress
+    """
+    from mottrack.core.errors import unknown_name
+    from mottrack.experiment.experiment import load_experiments
+    from mottrack.formats.text_table import aligned
+    from mottrack.studies.stress.damage import DAMAGES
+    from mottrack.studies.stress.study import outcomes, write_outputs
+
+    chosen = [kind.strip() for kind in kinds.split(",")] if kinds else list(DAMAGES)
+    for kind in chosen:
+        if kind not in DAMAGES:
+            raise unknown_name("--kinds", kind, DAMAGES)
+    experiments = load_experiments(config, overrides or [])
+    found = list(outcomes(experiments, chosen, lambda text: typer.echo(text, err=True)))
+    for table in write_outputs(out, found):
+        lines = [[column.name for column in table.columns], *table.texts()]
+        typer.echo(f"{table.title}\n{aligned(lines)}\n{table.note}\n")
+    typer.echo(f"picture: {out / 'stress.png'}")

@@ -1,0 +1,150 @@
+"""Velocity error of a nuScenes submission, anybody's, by category (paper, section V-B)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mottrack.core import Frame, SceneResult
+from mottrack.core.arrays import Mask
+from mottrack.core.storage import write_text
+from mottrack.core.tables import FrameTable, TrackTable, TruthTable
+from mottrack.datasets.nuscenes.config import NuScenesConfig
+from mottrack.datasets.nuscenes.dataset import NuScenes
+from mottrack.datasets.rigid import quaternion_yaws
+from mottrack.eval.nuscenes.command import Request
+from mottrack.eval.nuscenes.submission import Box, Submission, read_submission
+from mottrack.eval.paired import CONFIDENCE, RESAMPLES, PairedDifference, draw, paired_all, sample
+from mottrack.eval.run_metrics import velocity_metrics
+from mottrack.eval.scores import ScoreConfig
+from mottrack.eval.velocity_error import velocity_samples, velocity_table
+from mottrack.formats.nuscenes_classes import CLASSES
+from mottrack.formats.strict_json import strict
+from mottrack.formats.text_table import aligned
+
+COLUMNS = ("mean", "median", "worst 5 %", "rows")
+
+
+def velocity_report(request: Request, other: Path | None, out: Path) -> Iterator[str]:
+    """Write `velocity_error.json` to a folder and yield the tables.
+
+    A submission does not tell coasted boxes from observed ones, so all count. Boxes whose velocity
+    is NaN are left out, with a line that says how many.
+
+    Args:
+        request: data set, split and submission; it was found valid before.
+        other: a second submission, whose paired differences to the first are added; or None.
+        out: folder.
+
+    Raises:
+        DataError: a table or a submission is not usable.
+    """
+    config = NuScenesConfig(
+        root=request.dataroot, version=request.version, split=request.split, rate_hz=2
+    )
+    dataset = NuScenes(config)
+    first = _results(dataset, read_submission(request.submission))
+    if not any(len(result.truth) for result in first):
+        yield "velocity error: this split has no annotations"
+        return
+    yield from _unknown(request.submission, first)
+    samples = [velocity_samples(result) for result in first]
+    table = velocity_table(samples, classes=CLASSES)
+    content: dict[str, Any] = {"velocity_error": {n: asdict(row) for n, row in table.items()}}
+    rows = [
+        [name, *(_number(v) for v in (e.mean_mps, e.median_mps, e.worst_mean_mps)), str(e.count)]
+        for name, e in table.items()
+    ]
+    yield f"velocity error of the tracks, m/s\n{aligned([['tracks', *COLUMNS], *rows])}"
+    if other is not None:
+        second = _results(dataset, read_submission(other))
+        yield from _unknown(other, second)
+        found = _differences(first, second)
+        content["differences"] = [
+            {"row": d.key.row, "metric": d.key.metric, **d.as_dict()} for d in found
+        ]
+        yield _comparison(found)
+    write_text(out / "velocity_error.json", json.dumps(strict(content), indent=1))
+
+
+def _results(dataset: NuScenes, submission: Submission) -> list[SceneResult]:
+    """Return truth and submitted tracks of every scene of the split."""
+    results = []
+    for name in dataset.scene_names:
+        scene = dataset.scene(name)
+        frames = [scene.frame(i) for i in range(len(scene))]
+        tracks = _tracks(frames, submission.results)
+        truth = TruthTable.of(frames)
+        table = FrameTable.of(frames)
+        results.append(SceneResult(name, table, truth, tracks, classes=tuple(CLASSES)))
+    return results
+
+
+def _tracks(frames: Sequence[Frame], boxes_of: dict[str, list[Box]]) -> TrackTable:
+    boxes = [(i, box) for i, f in enumerate(frames) for box in boxes_of.get(f.token, ())]
+    if not boxes:
+        return TrackTable.empty()
+    velocity = np.array([box["velocity"] for _, box in boxes], np.float64)
+    names = np.array([str(box["tracking_id"]) for _, box in boxes])
+    columns = {
+        name: np.array([box[name] for _, box in boxes], np.float64)
+        for name in ("translation", "size", "rotation", "tracking_score")
+    }
+    count = len(boxes)
+    known: Mask = np.asarray(np.isfinite(velocity).all(axis=1))
+    return TrackTable(
+        frame=np.array([frame for frame, _ in boxes]),
+        id=np.unique(names, return_inverse=True)[1],
+        label=np.array([box["tracking_name"] for _, box in boxes]),
+        centre_m=columns["translation"],
+        size_m=columns["size"][:, [1, 0, 2]],
+        yaw_rad=quaternion_yaws(columns["rotation"]),
+        velocity_mps=np.where(known[:, None], velocity, 0.0),
+        velocity_covariance_m2ps2=np.tile(np.eye(2), (count, 1, 1)),
+        score=columns["tracking_score"],
+        observed=known,
+        hull_corners=np.zeros(count, np.int64),
+    )
+
+
+def _unknown(path: Path, results: Sequence[SceneResult]) -> Iterator[str]:
+    count = sum(int((~result.tracks.observed).sum()) for result in results)
+    if count:
+        yield f"{path.name}: {count} boxes have no velocity (NaN) and are left out"
+
+
+def _differences(
+    first: Sequence[SceneResult], second: Sequence[SceneResult]
+) -> tuple[PairedDifference, ...]:
+    weights = draw(len(first), RESAMPLES)
+    sampled = [
+        {key: sample(metric, weights) for key, metric in velocity_metrics(side, ScoreConfig())}
+        for side in (first, second)
+    ]
+    return paired_all(sampled[0], sampled[1])
+
+
+def _comparison(found: Sequence[PairedDifference]) -> str:
+    rows = [
+        [f"{d.key.row}, {d.key.metric}", _number(d.baseline), _number(d.value), _interval(d)]
+        for d in found
+    ]
+    title = f"velocity error, difference to the first submission, {CONFIDENCE:.0%} intervals"
+    head = ["tracks", "first", "second", "difference"]
+    return f"{title}; *: significant\n{aligned([head, *rows])}"
+
+
+def _interval(found: PairedDifference) -> str:
+    if np.isnan(found.low):
+        return f"{found.difference:+.3f} (one scene)"
+    mark = "*" if found.significant else ""
+    return f"{found.difference:+.3f} [{found.low:+.3f}, {found.high:+.3f}]{mark}"
+
+
+def _number(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.3f}"

@@ -1,0 +1,377 @@
+"""Tasks on a Ray cluster: of this machine alone, or of many."""
+
+from __future__ import annotations
+
+import os
+import resource
+import socket
+import sys
+import tempfile
+import uuid
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mottrack.core.errors import ConfigError
+from mottrack.core.processes import available_cores
+from mottrack.core.storage import write_text
+from mottrack.runs.node_check import Requirements, node_name, require_met
+from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.tasks import (
+    ATTEMPTS,
+    DIED,
+    THREAD_VARIABLES,
+    Job,
+    Outcome,
+    Progress,
+    Task,
+    Work,
+    attempt,
+)
+
+FRAMES_PER_MESSAGE = 10
+"""Frames between two messages of progress: about one a second and task."""
+POLL_S = 0.5
+"""Between two looks at the progress: as often as a person reads it."""
+CONNECT_S = 10.0
+"""A machine that lives answers within a second, in a cloud far away too."""
+WAITING_PER_SLOT = 1
+"""Tasks that wait on the cluster beside each that runs, so that no slot idles while the driver
+writes a result; more would only hold memory and make an interruption slower."""
+NODE_LOSSES = 5
+"""Losses of its node that a task survives: they are not its fault, but must end some time."""
+MEMORY_BYTES = 2**30
+"""Asked for until the first scene has told its peak: a worker that has imported and compiled
+everything holds 0.6 to 0.8 GB."""
+MEMORY_MARGIN = 1.2
+"""Of the largest peak so far: scenes of one data set differ by about as much."""
+
+
+class Done(NamedTuple):
+    """What a task returns to the driver."""
+
+    outcomes: list[Outcome]
+    files: Sequence[Mapping[str, bytes]]
+    """Per finished run its files; none where the task has written them."""
+    peak_bytes: int
+    """Of the worker, so far."""
+
+
+@dataclass
+class RayCluster:
+    """An executor on Ray Core: one Ray task for each task, spread over the nodes."""
+
+    address: str = "ray"
+    """``ray``: this machine alone; else what `ray.init` accepts: ``auto``, ``HOST:PORT`` on a
+    machine of the cluster, ``ray://HOST:PORT`` from outside."""
+    workers: int = 0
+    """CPUs of a cluster of this machine alone; 0: all."""
+    shared: bool = False
+    """Whether tasks write their results, into a folder that every node sees; else the driver
+    receives and writes them."""
+    _requirements: Requirements = field(default_factory=lambda: Requirements(()), init=False)
+    _checked: frozenset[str] = field(default=frozenset(), init=False)
+
+    @property
+    def slots(self) -> int:
+        """Number of CPUs of the cluster."""
+        return max(int(self._ray().cluster_resources().get("CPU", 1)), 1)
+
+    def check(self, scenes: Mapping[Job, tuple[str, ...]]) -> None:
+        """Compare code, weights, scenes and, if shared, the folder of results on every node.
+
+        Raises:
+            ConfigError: a node lacks something; it names the node.
+            DataError: this machine lacks a file of weights.
+        """
+        ray = self._ray()
+        token = None
+        if self.shared:
+            token = next(iter(scenes)).folder.path.resolve() / f".token-{uuid.uuid4().hex}"
+            write_text(token, "every node must see this file\n")
+        self._requirements = Requirements.of(scenes, token)
+        try:
+            wanted = ray.put(self._requirements)
+            nodes = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
+            ask = ray.remote(num_cpus=0, runtime_env=_environment())(_unmet)
+            on = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
+            asked = {
+                node: ask.options(scheduling_strategy=on(node, soft=False)).remote(wanted)
+                for node in nodes
+            }
+            answers = _answers(ray, asked)
+            require_met(list(answers.values()))
+            self._checked = frozenset(answers)
+        finally:
+            if token is not None:
+                token.unlink(missing_ok=True)
+
+    def run(self, tasks: Sequence[Task], work: Work, progress: Progress) -> list[Outcome]:
+        """Run every task; one whose worker dies is tried again, and only it is affected.
+
+        A lost node is no fault of its tasks: they are tried again elsewhere. An interruption
+        cancels what runs.
+        """
+        ray = self._ray()
+        needs = _Needs(ray.put(self._requirements), self._checked)
+        driver = _Driver(self, ray, work, progress, deque(tasks), needs)
+        try:
+            driver.run()
+        finally:
+            driver.cancel()
+        return [driver.outcomes[job.folder.path, task.scene] for task in tasks for job in task.jobs]
+
+    def _ray(self) -> Any:
+        """Return Ray, connected."""
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        try:
+            import ray
+            import ray.util.scheduling_strategies
+        except ImportError as error:
+            raise ConfigError(
+                f"--cluster needs Ray: pip install 'mottrack[ray]' ({error})"
+            ) from error
+        if not ray.is_initialized():
+            quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
+            try:
+                if self.address == "ray":
+                    cpus = self.workers or available_cores()
+                    ray.init("local", num_cpus=cpus, include_dashboard=False, **quiet)
+                else:
+                    _require_answer(self.address)
+                    ray.init(self.address, **quiet)
+            except (OSError, RuntimeError, ValueError) as error:
+                first = str(error).partition("\n")[0]
+                raise ConfigError(f"no Ray cluster at {self.address}: {first}") from error
+        return ray
+
+
+@dataclass
+class _Driver:
+    """The driver's side of the tasks of one run."""
+
+    cluster: RayCluster
+    ray: Any
+    work: Work
+    progress: Progress
+    queue: deque[Task]
+    needs: _Needs
+    outcomes: dict[tuple[Path, str], Outcome] = field(default_factory=dict)
+    flying: dict[Any, Task] = field(default_factory=dict)
+    lost: dict[tuple[Path, str], int] = field(default_factory=dict)
+    peak_bytes: int = 0
+    board: Any = None
+
+    def run(self) -> None:
+        """Work until no task is left."""
+        here = self.ray.get_runtime_context().get_node_id()
+        on = self.ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
+        board = self.ray.remote(num_cpus=0)(_Board)
+        self.board = board.options(scheduling_strategy=on(here, soft=True)).remote()
+        while self.queue or self.flying:
+            while self.queue and len(self.flying) < (1 + WAITING_PER_SLOT) * self.cluster.slots:
+                self._start(self.queue.popleft())
+            ready, _ = self.ray.wait(list(self.flying), timeout=POLL_S)
+            for ref in ready:
+                self._end(ref, self.flying.pop(ref))
+            self._show()
+
+    def cancel(self) -> None:
+        """Cancel what still runs."""
+        for ref in self.flying:
+            self.ray.cancel(ref, force=True)
+        if self.board is not None:
+            self.ray.kill(self.board)
+
+    def _start(self, task: Task) -> None:
+        remote = self.ray.remote(_run_task).options(
+            num_cpus=1,
+            memory=self._memory(),
+            max_retries=0,  # Ray's own would also count a lost node as the task's fault
+            scheduling_strategy="SPREAD",
+            runtime_env=_environment(),
+        )
+        place = _Place(self.needs, self.board, self.cluster.shared)
+        self.flying[remote.remote(task, self.work, place)] = task
+
+    def _memory(self) -> int:
+        """Return what a scene needs: what one has needed, but no more than the largest node has."""
+        nodes = [n["Resources"].get("memory", 0) for n in self.ray.nodes() if n["Alive"]]
+        wanted = MEMORY_MARGIN * self.peak_bytes if self.peak_bytes else MEMORY_BYTES
+        return int(min([wanted, max(nodes, default=wanted)]))
+
+    def _end(self, ref: Any, task: Task) -> None:
+        errors = self.ray.exceptions
+        try:
+            done: Done = self.ray.get(ref)
+        except (errors.NodeDiedError, errors.LocalRayletDiedError, errors.ObjectLostError):
+            self._node_lost(task)
+        except (errors.WorkerCrashedError, errors.OutOfMemoryError) as error:
+            self._died(task, type(error).__name__)
+        except errors.RayError as error:  # not of the scene: those are among the outcomes
+            self._finish(task.failed(_last_line(error)))
+        else:
+            self.peak_bytes = max(self.peak_bytes, done.peak_bytes)
+            stored = (o for o in done.outcomes if not o.error)
+            for outcome, files in zip(stored, done.files, strict=False):
+                RunFolder(outcome.folder).store_files(files)
+            self._finish(done.outcomes)
+
+    def _node_lost(self, task: Task) -> None:
+        key = task.jobs[0].folder.path, task.scene
+        self.lost[key] = self.lost.get(key, 0) + 1
+        if self.lost[key] > NODE_LOSSES:
+            self._finish(task.failed(f"its node was lost {self.lost[key]} times"))
+        else:
+            self.queue.append(task)
+
+    def _died(self, task: Task, cause: str) -> None:
+        again = task.after_death()
+        self.queue.extend(again)
+        if not again:
+            self._finish(task.failed(f"{DIED}: {ATTEMPTS} times, at last {cause}"))
+
+    def _finish(self, outcomes: list[Outcome]) -> None:
+        for outcome in outcomes:
+            self.outcomes[outcome.folder, outcome.scene] = outcome
+            self.progress.scene_ends(outcome)
+
+    def _show(self) -> None:
+        try:
+            told = self.ray.get(self.board.drain.remote(), timeout=POLL_S)
+        except (self.ray.exceptions.RayError, TimeoutError):
+            return  # the board is for the eye alone
+        for scene, (done, total) in told.items():
+            self.progress.frames(scene, done, total)
+
+
+def _require_answer(address: str) -> None:
+    """Connect to ``HOST:PORT`` and hang up: Ray itself waits for minutes where nobody answers.
+
+    Raises:
+        OSError: nobody answers.
+        ValueError: the port is no number.
+    """
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host:  # else it is "auto"
+        socket.create_connection((host, int(port)), timeout=CONNECT_S).close()
+
+
+def _environment() -> dict[str, Any]:
+    """Return Ray's runtime environment of a worker: one thread, and the driver's own modules.
+
+    Plug-ins are found on a node where they lie at the same place as here.
+    """
+    installed = (sys.prefix, sys.base_prefix)
+    own = [path for path in sys.path if path and not path.startswith(installed)]
+    variables = dict.fromkeys(THREAD_VARIABLES, "1")
+    return {"env_vars": {**variables, "PYTHONPATH": os.pathsep.join(own)}}
+
+
+def _last_line(error: Exception) -> str:
+    """Return what has happened: Ray's errors carry the traceback of the other process."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else type(error).__name__
+
+
+class _Board:
+    """An actor that gathers the progress of all tasks."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[int, int]] = {}
+
+    def tell(self, scene: str, done: int, total: int) -> None:
+        """Note how many frames of a scene are done."""
+        self._last[scene] = done, total
+
+    def drain(self) -> dict[str, tuple[int, int]]:
+        """Return what is new."""
+        last, self._last = self._last, {}
+        return last
+
+
+class _Needs(NamedTuple):
+    """What a node must have in common with the driver."""
+
+    requirements: Any
+    """Reference of the `Requirements`."""
+    checked: frozenset[str]
+    """Nodes that have it; others have joined since."""
+
+
+class _Place(NamedTuple):
+    """What a task is told about its surroundings."""
+
+    needs: _Needs
+    board: Any
+    store: bool
+    """Whether the task writes its results itself."""
+
+
+def _unmet(requirements: Requirements) -> tuple[str, str]:
+    return _here(), requirements.unmet()
+
+
+def _answers(ray: Any, asked: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """Return what each node lacks; a node that is lost meanwhile is left out.
+
+    Args:
+        ray: connected.
+        asked: node to its task.
+    """
+    found = {}
+    for node, ref in asked.items():
+        try:
+            found[node] = ray.get(ref)
+        except ray.exceptions.RayTaskError as error:
+            found[node] = node[:6], f"can't be checked: {_last_line(error)}"
+        except ray.exceptions.RayError:
+            continue
+    return found
+
+
+def _late(needs: _Needs) -> str:
+    """Return what this node lacks, if it has joined after the check."""
+    import ray
+
+    if ray.get_runtime_context().get_node_id() in needs.checked:
+        return ""
+    requirements: Requirements = ray.get(needs.requirements)
+    return replace(requirements, token=None).unmet()
+
+
+def _here() -> str:
+    import ray
+
+    return node_name(ray.get_runtime_context().get_node_id())
+
+
+def _run_task(task: Task, work: Work, place: _Place) -> Done:
+    """Run a task on a node: store its results there, or return their files."""
+    node, unmet = _here(), _late(place.needs)
+    if unmet:
+        return Done(task.failed(f"node {node}: {unmet}"), [], 0)
+
+    def on_frame(done: int, total: int) -> None:
+        if done % FRAMES_PER_MESSAGE == 0 or done == total:
+            place.board.tell.remote(f"{task.scene}@{node}", done, total)
+
+    if place.store:
+        return Done(attempt(work, task, on_frame), [], _peak_bytes())
+    with tempfile.TemporaryDirectory() as name:
+        folders = [RunFolder(Path(name) / str(k)) for k in range(len(task.jobs))]
+        jobs = zip(task.jobs, folders, strict=True)
+        inside = replace(task, jobs=tuple(replace(job, folder=f) for job, f in jobs))
+        found = attempt(work, inside, on_frame)
+        files = [RunFolder(o.folder).files(o.scene) for o in found if not o.error]
+    own = zip(found, task.jobs, strict=True)
+    outcomes = [replace(outcome, folder=job.folder.path) for outcome, job in own]
+    return Done(outcomes, files, _peak_bytes())
+
+
+def _peak_bytes() -> int:
+    """Return the largest resident size of this worker so far."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

@@ -1,0 +1,111 @@
+"""Maximum-likelihood estimate of how a source of velocities errs, and R_d by class.
+
+Each measured velocity v of an object of velocity u, with the covariance R that the source states
+(and the tracker's floor), is a draw from
+
+    p_correct N(v; u, R + r^2 v v^T) + p_missed N(v; 0, R) + p_outlier N(v; 0, R + s^2 I),
+
+the law by which the tracker weighs it (`kalman.velocity_likelihood`). Of an object that stands the
+first two terms are one. R_d of a class is the mean square of its errors over both axes, movers and
+gross errors included: the filter that uses it has no other defence.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mottrack.core.arrays import F64, Texts
+from mottrack.core.errors import InputError
+from mottrack.core.velocity_errors import VelocityErrorModel
+from mottrack.geometry.two_by_two import density_2x2
+from mottrack.trackers.kalman.config import VelocityConfig
+
+LEAST_COUNT = 20
+"""A class with fewer velocities has no R_d of its own: it would be off by a third."""
+STANDING_MPS = 0.5
+"""Slower objects stand: over 0.1 s they move less than a cell's fifth, which no source resolves."""
+STARTS = tuple(itertools.product((0.01, 0.3), (0.02, 0.3), (0.01, 0.1)))
+"""First guesses of r, p_missed and p_outlier: a share of the speed and outliers explain the same
+gross errors, so the likelihood has several maxima."""
+ALL = "all"
+"""Name of R_d over every class, which classes without one of their own get."""
+
+
+@dataclass(frozen=True, slots=True)
+class VelocitySample:
+    """N measured velocities with their truth, world axes."""
+
+    label: Texts
+    """(N,) class."""
+    measured_mps: F64
+    """(N, 2)"""
+    covariance_m2ps2: F64
+    """(N, 2, 2) as the source states it."""
+    true_mps: F64
+    """(N, 2)"""
+
+    @classmethod
+    def stacked(cls, parts: Sequence[VelocitySample]) -> VelocitySample:
+        """Return the samples of all parts, in order."""
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in cls.__slots__))
+
+    @property
+    def consistency(self) -> float:
+        """Mean of e' R^-1 e / 2: 1 where the covariance that the source states is right."""
+        error = self.measured_mps - self.true_mps
+        stated = self.covariance_m2ps2 + VelocityConfig().floor_mps ** 2 * np.eye(2)
+        solved = np.linalg.solve(stated, error[:, :, None])[:, :, 0]
+        return float(np.mean(np.sum(error * solved, axis=1)) / 2.0)
+
+
+def fit_error_model(sample: VelocitySample) -> VelocityErrorModel:
+    """Return the error model under which the samples are likeliest, with R_d by class.
+
+    Raises:
+        InputError: there are fewer than `LEAST_COUNT` velocities.
+    """
+    # only the study of errors needs it, and it loads slowly
+    from scipy.optimize import minimize
+
+    if len(sample.label) < LEAST_COUNT:
+        raise InputError("measured velocities", len(sample.label), f"at least {LEAST_COUNT}")
+
+    def cost(root: F64) -> float:
+        return _cost(root**2, sample)
+
+    guesses = (np.sqrt(np.array(start)) for start in STARTS)
+    found = [minimize(cost, guess, method="Nelder-Mead") for guess in guesses]
+    best = min(found, key=lambda result: float(result.fun))
+    relative, missed, outlier = (float(round(v, 3)) for v in best.x**2)
+    return VelocityErrorModel(relative, missed, outlier, class_variances(sample))
+
+
+def class_variances(sample: VelocitySample) -> tuple[tuple[str, float], ...]:
+    """Return pairs of class and R_d in (m/s)^2, of one axis; the last is that of all classes."""
+    square = 0.5 * np.sum((sample.measured_mps - sample.true_mps) ** 2, axis=1)
+    pairs = [
+        (str(label), round(float(square[sample.label == label].mean()), 4))
+        for label in np.unique(sample.label)
+        if np.count_nonzero(sample.label == label) >= LEAST_COUNT
+    ]
+    return (*pairs, (ALL, round(float(square.mean()), 4)))
+
+
+def _cost(parameters: F64, sample: VelocitySample) -> float:
+    """Return the negative log-likelihood per sample; inf outside the simplex."""
+    relative, missed, outlier = parameters
+    if missed + outlier >= 1.0:
+        return float("inf")
+    config, v = VelocityConfig(), sample.measured_mps
+    stated = sample.covariance_m2ps2 + config.floor_mps**2 * np.eye(2)
+    spread = stated + relative**2 * v[:, :, None] * v[:, None, :]
+    stands = np.hypot(*sample.true_mps.T) < STANDING_MPS
+    lost = np.where(stands, 0.0, missed)
+    likelihood = (1.0 - lost - outlier) * density_2x2(v - sample.true_mps, spread)
+    likelihood += lost * density_2x2(v, stated)
+    likelihood += outlier * density_2x2(v, stated + config.outlier_sigma_mps**2 * np.eye(2))
+    return float(-np.mean(np.log(np.maximum(likelihood, 1e-200))))
