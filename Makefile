@@ -8,7 +8,7 @@ OUT ?= out/demo
 # tests share the cores with pytest-xdist, so a library must not open threads of its own
 TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test lint docs bench oracle peers forget clean
+.PHONY: demo test lint docs package bench oracle peers forget clean
 
 demo: $(READY)
 	$(BIN)/mottrack demo --out $(OUT)
@@ -26,6 +26,10 @@ lint: $(READY)
 docs: $(READY_DOCS)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo "docs: site/index.html"
+
+# in dist/; both are installed in an environment of their own and run there
+package: $(READY)
+	$(BIN)/python .ci/package.py
 
 bench: $(READY)
 	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script --quick || exit 1; done
