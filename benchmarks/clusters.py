@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 from mottrack.core import Frame, Pose, Sweep
 from mottrack.geometry.hulls import hulls_of_groups
 from mottrack.lidar.terrain import Terrain
-from mottrack.objects.cluster_points import ClusterPoints, PointLimits, group_points, kept_points
+from mottrack.objects.cluster_points import (
+    ClusterPoints,
+    PointLimits,
+    group_points,
+    obstacle_points,
+)
 from mottrack.objects.clustering import component_labels, split_large
 from mottrack.objects.clusters import ClusterSource
 from mottrack.trackers.fixed_lag import FixedLagTracker
@@ -88,7 +93,9 @@ def stages(chain: Chain, terrain: Terrain, sweep: Sweep) -> int:
     corner_m = np.round(sweep.world_T_ego.translation_m[:2] / CELL_M) * CELL_M - CELLS * CELL_M / 2
     chain.timed("terrain", lambda: terrain.update(sweep))
     height_m = chain.timed("height of points", lambda: terrain.height_above_m(sweep))
-    points = chain.timed("filter", lambda: kept_points(sweep, height_m, corner_m, LIMITS, CELLS))
+    points = chain.timed(
+        "filter", lambda: obstacle_points(sweep, height_m, corner_m, LIMITS, CELLS)
+    )
     occupied = np.zeros((CELLS, CELLS), np.bool_)
 
     def occupy() -> None:

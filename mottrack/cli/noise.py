@@ -55,6 +55,8 @@ def calibrate_errors(
 
     A sweep over sources adds an entry for each. Of a source of your own the entry's numbers are
     settings of the tracker: tracker.velocity.relative and so on.
+
+    Example: mottrack calibrate-errors velocity_errors flow=pillarflow --out errors.json
     """
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.velocity_errors import store, study_errors

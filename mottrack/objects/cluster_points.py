@@ -52,7 +52,7 @@ class ClusterPoints(NamedTuple):
     """(G, 2) mean of the occupied cells, each counted once."""
 
 
-def kept_points(
+def obstacle_points(
     sweep: Sweep, height_m: F64, corner_m: F64, limits: PointLimits, cells: int
 ) -> KeptPoints:
     """Return the points within the limits and the grid.

@@ -17,7 +17,12 @@ from mottrack.core.sweep import Sweep
 from mottrack.geometry.hulls import HullSet, hulls_of_groups
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.terrain import Terrain, TerrainConfig
-from mottrack.objects.cluster_points import ClusterPoints, PointLimits, group_points, kept_points
+from mottrack.objects.cluster_points import (
+    ClusterPoints,
+    PointLimits,
+    group_points,
+    obstacle_points,
+)
 from mottrack.objects.clustering import box_mask, component_labels, split_large
 
 SMALLEST_M = 0.1
@@ -126,7 +131,7 @@ class ClusterSource(ObjectSourceBase):
             config.reach_m,
             config.cell_m,
         )
-        points = kept_points(sweep, self._heights_m(sweep), corner_m, limits, cells)
+        points = obstacle_points(sweep, self._heights_m(sweep), corner_m, limits, cells)
         occupied = np.zeros((cells, cells), np.bool_)
         occupied[points.row, points.column] = True
         owner = self._mask(frame, corner_m, occupied.shape)

@@ -32,7 +32,7 @@ class ErrorStudy:
     velocities: int
     moving: int
     consistency: float
-    """Mean normalised square of the errors under the stated covariance; 1 is honest."""
+    """Mean normalised square of the errors under the stated covariance; 1 is consistent."""
 
 
 def study_errors(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> ErrorStudy:
