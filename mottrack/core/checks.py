@@ -24,11 +24,17 @@ def as_array(
         InputError: naming the field, with the actual and the expected shape, or with the first
             entry that is no whole number where integers are expected, no text where labels are.
     """
+    _refuse_masked(field, value)
     try:
         given = np.asarray(value)
+        _require_kind(field, given, np.dtype(dtype))
         array = given if given.dtype == dtype else _converted(given, dtype)
+    except InputError:
+        raise
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
+    if array.shape == (0,) and len(shape) > 1 and shape[0] is None and None not in shape[1:]:
+        array = array.reshape(0, *shape[1:])  # an empty list: no rows
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )
@@ -40,6 +46,27 @@ def as_array(
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _refuse_masked(field: str, value: object) -> None:
+    """Refuses masked entries: numpy would hand over what the mask hides."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InputError(field, "a masked array with masked entries", "values, or fewer rows")
+
+
+def _require_kind(field: str, given: NDArray[Any], dtype: np.dtype[Any]) -> None:
+    """Refuses what numpy converts although it means something else: text to numbers or truth."""
+    if given.dtype == dtype or given.size == 0:
+        return
+    texts = given.dtype.kind in "USM" or (
+        given.dtype.kind == "O" and any(isinstance(item, str | bytes) for item in given.flat)
+    )
+    wrong = dtype.kind in "fiub" and (texts or given.dtype.kind in "cmM")
+    if dtype.kind == "b" and not wrong and given.dtype != dtype:
+        wrong = not bool(np.isin(given, (0, 1)).all())
+    if wrong:
+        kind = "text" if texts else str(given.dtype)
+        raise InputError(field, kind, f"an array of {dtype}")
 
 
 def _converted(given: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:

@@ -6,6 +6,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
+from mottrack.core.printed import MAX_MESSAGE, MAX_SHOWN, printable, shown
+
+MAX_PATH_SHOWN = 300
+"""Characters of a path in a message."""
+
 
 class MottrackWarning(UserWarning):
     """Something a user should know that does not stop the work."""
@@ -20,7 +25,7 @@ class InputError(MottrackError, ValueError):
 
     def __init__(self, field: str, value: object, expected: str) -> None:
         self.field, self.value, self.expected = field, value, expected
-        super().__init__(f"{field} is {value}, expected {expected}")
+        super().__init__(_sentence(field, value, expected))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
         return type(self), (self.field, self.value, self.expected)
@@ -31,7 +36,8 @@ class DataError(MottrackError):
 
     def __init__(self, file: str | Path, field: str, value: object, expected: str) -> None:
         self.file, self.field, self.value, self.expected = Path(file), field, value, expected
-        super().__init__(f"{file}: {field} is {value}, expected {expected}")
+        place = shown(file, MAX_PATH_SHOWN)
+        super().__init__(f"{place}: {_sentence(field, value, expected)}")
 
     def __reduce__(self) -> tuple[type[DataError], tuple[Path, str, object, str]]:
         return type(self), (self.file, self.field, self.value, self.expected)
@@ -40,9 +46,16 @@ class DataError(MottrackError):
 class ConfigError(MottrackError):
     """A configuration, an override or a name of a part is not usable."""
 
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message, MAX_MESSAGE))
+
 
 class ResultError(DataError):
     """A stored result is damaged or of another version."""
+
+
+def _sentence(field: str, value: object, expected: str) -> str:
+    return f"{shown(field)} is {shown(value)}, expected {printable(expected, MAX_MESSAGE)}"
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
@@ -54,6 +67,6 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
         valid: all names that would have been accepted.
     """
     names = sorted(valid)
-    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    near = get_close_matches(name[:MAX_SHOWN], names, n=1, cutoff=0.5)
     hint = f" (did you mean '{near[0]}'?)" if near else ""
-    return ConfigError(f"unknown {kind} '{name}'{hint}; valid: {', '.join(names)}")
+    return ConfigError(f"unknown {kind} '{shown(name)}'{hint}; valid: {', '.join(names)}")

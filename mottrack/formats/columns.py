@@ -24,11 +24,13 @@ class ColumnSpec:
     name: as the file and error messages call it.
     kind: integers of 64 bits, finite numbers, or text.
     width: length of the list of numbers in each row; 0 for a single value.
+    default: the value where rows of a text file end before this column; None: they must not.
     """
 
     name: str
     kind: type[int] | type[float] | type[str] = float
     width: int = 0
+    default: float | None = None
 
     @property
     def expected(self) -> str:

@@ -105,9 +105,7 @@ def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:
     return [block for block in blocks if block.rows]
 
 
-def gain_rows(
-    runs: Sequence[ReportRun], per_run: Sequence[Mapping[str, ClassErrors]]
-) -> list[Row]:
+def gain_rows(runs: Sequence[ReportRun], per_run: Sequence[Mapping[str, ClassErrors]]) -> list[Row]:
     """Return the AMOTA that each run would gain without the errors of each type."""
     gains = [_gains(run, error_classes) for run, error_classes in zip(runs, per_run, strict=True)]
     kinds = dict.fromkeys(kind for gain in gains for kind in gain)

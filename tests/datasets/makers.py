@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import Dataset, Scene
-from mottrack.datasets.rigid import quaternion_wxyz
+from mottrack.formats.rigid import quaternion_wxyz
 from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.experiment.plugins import load_part

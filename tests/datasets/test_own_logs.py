@@ -81,7 +81,7 @@ FAULTS = {
     "no pose": ("boxes.csv", "1200000000", "1300000000", "a stamp of poses.csv"),
     "far from the vehicle": ("boxes.csv", "10.0,0.0", "1e6,0.0", "x is 1000000.0, expected within"),
     "degrees": ("boxes.csv", ",0.1", ",90", "yaw is 90.0, expected radians"),
-    "no label": ("boxes.csv", "car", "", "label is , expected a name"),
+    "no label": ("boxes.csv", "car", "", "line 2, label is empty, expected text"),
     "identity twice": ("boxes.csv", "1200000000", "1100000000", "line 4, id is 7, expected each"),
     "not on Earth": ("poses.csv", "5.0", "1e300", r"line 2, pose is at \[1e\+300"),
     "no size": ("detections.csv", ",4.0,", ",0.0,", "length is 0.0"),

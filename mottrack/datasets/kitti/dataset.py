@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
-from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
 from mottrack.datasets.kitti.labels import camera_boxes, read_detection_file, read_label_file
@@ -22,10 +21,17 @@ from mottrack.datasets.scene_boxes import (
     truth_of,
     unknown_velocities,
 )
-from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.scenes import (
+    SWEEP_OR_OPTION,
+    checked_index,
+    chosen_scenes,
+    require_scene,
+    scenes_in,
+)
+from mottrack.formats.checks import check_interval, check_points, read_float_rows
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import MissingError
-from mottrack.formats.files import existing_folder
+from mottrack.formats.files import existing_folder, present
 
 
 class Kitti:
@@ -109,6 +115,8 @@ class KittiScene:
         """
         number = self._number(index)
         path = self._files.sweep(number)
+        if not present(path):
+            raise MissingError(path, "sweep", "missing", SWEEP_OR_OPTION)
         values = read_float_rows(path, 4)
         check_points(path, values[:, :3])
         check_interval(path, "reflectance", values[:, 3], 1.0)
@@ -129,7 +137,7 @@ class KittiScene:
         files, source = self._files, self._files.config.poses
         if source == "none":
             return [Pose.identity()] * max(self._frames_labelled(), files.last_frame() + 1)
-        if source == "poses" or (source == "auto" and not files.text("oxts").is_file()):
+        if source == "poses" or (source == "auto" and not present(files.text("oxts"))):
             path, read = files.text("poses"), read_camera_poses
         else:
             path, read = files.text("oxts"), read_oxts
@@ -153,7 +161,7 @@ class KittiScene:
     @cached_property
     def _labels(self) -> Columns | None:
         path = self._files.text("label_02")
-        return read_label_file(path) if path.is_file() else None
+        return read_label_file(path) if present(path) else None
 
     @cached_property
     def _truth(self) -> TruthTable | None:

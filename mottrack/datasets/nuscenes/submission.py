@@ -12,8 +12,8 @@ from mottrack.core import Boxes, DataError, InputError, SceneResult, TrackTable
 from mottrack.core.arrays import I64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.nuscenes.config import CLASSES
-from mottrack.datasets.rigid import yaw_quaternions
-from mottrack.formats.nuscenes_tables import Row
+from mottrack.formats.rigid import yaw_quaternions
+from mottrack.formats.table_stream import Row
 
 MAX_BOXES = 500
 """A submission may hold so many boxes a sample; those of the highest score are kept."""
