@@ -17,5 +17,6 @@ Baseline = Annotated[
     str | None,
     typer.Option("--baseline", help="run that the others are compared with; the first one"),
 ]
+Strict = Annotated[bool, typer.Option("--strict", help="warnings are errors")]
 FinishedRun = Annotated[Path, typer.Argument(help="folder of a finished run")]
 SceneName = Annotated[str | None, typer.Option("--scene", help="by default the first one")]

@@ -7,6 +7,7 @@ import math
 import zipfile
 import zlib
 from collections.abc import Collection
+from tokenize import TokenError
 from typing import IO, Any
 
 import numpy as np
@@ -30,6 +31,7 @@ _FAULTS = (
     OverflowError,
     AttributeError,
     IndexError,
+    TokenError,  # numpy reads the header with the parser of Python's own literals
 )
 
 

@@ -36,7 +36,7 @@ class ColumnSpec:
     def expected(self) -> str:
         """What a value must be, for an error message."""
         if self.kind is str:
-            return "text"
+            return "text without control characters"
         what = "integer" if self.kind is int else "number"
         return f"{self.width} finite {what}s" if self.width else f"a finite {what}"
 

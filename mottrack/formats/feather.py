@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mottrack.core.errors import DataError
 from mottrack.core.limits import MAX_ROWS, Limit
 from mottrack.formats.columns import Columns, ColumnSpec
-from mottrack.formats.faults import NonFiniteError
+from mottrack.formats.faults import NonFiniteError, TruncatedError
 from mottrack.formats.files import read_bytes
 
 # Arrow checks most of a damaged file itself: this is what it raises
@@ -51,9 +51,12 @@ def _place(name: str, row: int) -> str:
 
 
 def _table(path: Path, columns: tuple[ColumnSpec, ...], limit: Limit) -> pa.Table:
-    data = pa.py_buffer(read_bytes(path))
-    if data.slice(0, len(_VERSION_1)).to_pybytes() == _VERSION_1:
+    content = read_bytes(path)
+    if not content:
+        raise TruncatedError(path, "size in bytes", 0, "a feather file")
+    if content.startswith(_VERSION_1):
         raise DataError(path, "content", "feather version 1", "version 2 (an Arrow file)")
+    data = pa.py_buffer(content)
     try:
         names = pa.ipc.open_file(data).schema.names
         _require_columns(path, names, columns)
@@ -128,6 +131,9 @@ def _texts(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
         raise DataError(path, column.name, f"unreadable ({error})", "text") from error
     if not all(isinstance(value, str) for value in strings):
         raise DataError(path, column.name, str(values.type), "text")
+    for row, text in enumerate(strings):
+        if not text.isprintable():
+            raise DataError(path, _place(column.name, row), text, column.expected)
     return column.array(strings)
 
 

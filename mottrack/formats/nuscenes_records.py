@@ -173,10 +173,11 @@ def _samples(tables: NuScenesTables, scenes: Columns, names: tuple[str, ...]) ->
     check_stamps(columns, "timestamp")
     found = np.bincount(scene, minlength=len(names))
     expected = dict(zip(tokens, scenes["nbr_samples"].tolist(), strict=True))
-    for token, place in scene_index.items():
-        if found[place] != expected[token]:
+    for scene_token, place in scene_index.items():
+        wanted = expected[scene_token]
+        if found[place] != wanted:
             path, field = tables.path("sample"), f"samples of {names[place]}"
-            raise MissingError(path, field, int(found[place]), f"{expected[token]} (nbr_samples)")
+            raise MissingError(path, field, int(found[place]), f"{wanted} (nbr_samples)")
     check_links(columns, scene)
     token = columns["token"]
     return _Samples(

@@ -121,12 +121,10 @@ def json_arrays(
 
 
 def _encoded_texts(values: list[Any]) -> NDArray[np.bytes_] | None:
-    try:
-        encoded = [value.encode() for value in values]
-    except (AttributeError, UnicodeEncodeError):  # no text, half a surrogate pair
+    # half a surrogate pair is not printable, nor is a NUL, which numpy would drop from the end
+    if not all(isinstance(value, str) and value.isprintable() for value in values):
         return None
-    # numpy drops NULs from the end of text
-    return None if any(b"\0" in text for text in encoded) else np.array(encoded, np.bytes_)
+    return np.array([value.encode() for value in values], np.bytes_)
 
 
 def json_array(values: list[Any], spec: ColumnSpec) -> NDArray[Any] | None:
@@ -159,6 +157,6 @@ def table_path(dataroot: Path, version: str, name: str) -> Path:
         raise DataError(dataroot, "version", version, expected)
     path = folder / f"{name}.json"
     if not path.is_file():
-        found = "not a file" if present(path) else "missing"
-        raise DataError(path, "table", found, f"{name}.json in nuScenes format")
+        state = "not a file" if present(path) else "missing"
+        raise DataError(path, "table", state, f"{name}.json in nuScenes format")
     return path

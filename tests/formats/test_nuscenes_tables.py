@@ -14,11 +14,11 @@ from mottrack.formats.nuscenes_splits import (
     split_scenes,
     splits_of,
 )
-from mottrack.formats.table_stream import RecordFilter, stream_table
 from mottrack.formats.nuscenes_tables import (
     TOKEN,
     NuScenesTables,
 )
+from mottrack.formats.table_stream import RecordFilter, stream_table
 
 
 @pytest.mark.parametrize("indent", [None, 0, 2])

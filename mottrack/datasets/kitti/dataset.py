@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.concerns import Concern
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
 from mottrack.datasets.kitti.labels import camera_boxes, read_detection_file, read_label_file
@@ -126,6 +127,17 @@ class KittiScene:
     def detections_at(self) -> Path:
         """Pattern of the detector's files; the root where none were named."""
         return self._files.detections_at
+
+    @property
+    def concerns(self) -> tuple[Concern, ...]:
+        """Poses beyond the last frame that has labels or a sweep: another sequence's, perhaps."""
+        swept = self._files.last_frame() + 1
+        known = max(self._frames_labelled(), swept)
+        beyond = len(self._poses) - known
+        if beyond <= 0 or not swept:  # the last frames of a sequence may be without any label
+            return ()
+        text = f"after frame {known - 1}, the last with labels or a sweep"
+        return (Concern("poses of no frame", beyond, text),)
 
     def _number(self, index: int) -> int:
         return self._numbers[checked_index(index, len(self), self.name)]

@@ -170,7 +170,7 @@ def _velocities(found: Columns, rows: list[Row]) -> F64:
     velocity = np.full((len(rows), 2), np.nan)
     for index in np.flatnonzero(~missing):
         value = given[index]
-        if not _is_pair(value):
+        if value is None or not _is_pair(value):
             place = found.place("velocity", index)
             raise DataError(found.path, place, value, "2 numbers, or null where not known")
         velocity[index] = [np.nan if number is None else number for number in value]

@@ -21,8 +21,8 @@ from mottrack.eval.nuscenes.submission import (
     Problem,
     Submission,
     describe_samples,
+    raise_all,
     read_submission,
-    require_valid,
     to_boxes,
     validate,
 )
@@ -73,7 +73,8 @@ def run(request: Request) -> Evaluation:
     truth = ground_truth(request)
     submission = read_submission(request.submission)
     problems = check(request, submission, truth)
-    require_valid(problems, strict=request.strict)
+    if any(problem.severity == "error" for problem in problems) or request.strict:
+        raise_all(problems)
     began = time.perf_counter()
     prepared = prepare(truth, to_boxes(submission, truth.samples, request.rules), request.rules)
     metrics = evaluate_prepared(prepared, request.rules)

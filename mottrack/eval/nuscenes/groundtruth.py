@@ -105,7 +105,7 @@ class _Annotated(NamedTuple):
         )
 
     def select(self, index: Mask) -> "_Annotated":
-        return _Annotated(*(values[index] for values in self))
+        return _Annotated(**{name: values[index] for name, values in self._asdict().items()})
 
 
 def _split(boxes: _Annotated, rules: Rules) -> tuple[BoxTable, Racks]:
