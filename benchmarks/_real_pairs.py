@@ -21,7 +21,7 @@ from mottrack.datasets.argoverse2.config import Argoverse2Config
 from mottrack.datasets.argoverse2.dataset import Argoverse2
 from mottrack.datasets.kitti.config import KittiConfig
 from mottrack.datasets.kitti.dataset import Kitti
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage, keep_points
+from mottrack.flow.sweep_pair import GroundStage, obstacle_points
 from mottrack.lidar.in_boxes import points_in_boxes
 
 MARGIN_M = 0.15
@@ -72,7 +72,7 @@ def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
     those points, rotation included. Objects slower than `STATIC_BELOW_MPS` rest.
     """
     sweep, truth = drive.sweeps[index], drive.truth[index]
-    kept, _ = keep_points(sweep, GroundStage())
+    kept, _ = obstacle_points(sweep, GroundStage())
     xyz_m = kept.xyz_m.astype(np.float64)
     xyz_m = xyz_m[np.abs(np.arctan2(xyz_m[:, 1], xyz_m[:, 0])) <= drive.view_rad]
     ego = truth.transformed(sweep.world_T_ego.inverse(), "ego")

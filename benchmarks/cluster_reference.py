@@ -11,15 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import shapely
 from _common import arguments, report
 
 from mottrack.core import Frame, Objects
 from mottrack.datasets.synthetic.config import SyntheticConfig
 from mottrack.datasets.synthetic.dataset import SyntheticDataset
 from mottrack.geometry.iou import bev_corners, boxes7
-from mottrack.geometry.polygon import intersection_area, polygon_area
-from mottrack.objects.clusters import ClustersConfig, ClusterSource
-from mottrack.objects.reference import ReferenceConfig
+from mottrack.objects.clusters import ClustersConfig, ClusterSource, ReferenceConfig
 
 RULES = ("hull_centroid", "rectangle_centre", "nearest_corner", "cell_mean")
 
@@ -29,15 +28,16 @@ def owners(frame: Frame, objects: Objects) -> dict[int, int]:
     truth = frame.truth
     if truth is None or objects.hull is None:
         return {}
-    corners = bev_corners(boxes7(truth.centre_m, truth.size_m, truth.yaw_rad))
+    shapes = shapely.polygons(bev_corners(boxes7(truth.centre_m, truth.size_m, truth.yaw_rad)))
     best: dict[int, tuple[float, int]] = {}
     for row, hull in enumerate(objects.hull):
-        area = polygon_area(hull)
+        polygon = shapely.Polygon(hull)
         near = np.hypot(*(truth.centre_m[:, :2] - hull.mean(axis=0)).T) < 12.0
-        for k in np.flatnonzero(near):
-            shared = intersection_area(hull, corners[k])
+        found = np.flatnonzero(near)
+        shares = shapely.area(shapely.intersection(polygon, shapes[found]))
+        for k, shared in zip(found, shares, strict=True):
             identity = int(truth.id[k])
-            if shared >= 0.5 * area and shared > best.get(identity, (0.0, 0))[0]:
+            if shared >= 0.5 * polygon.area and shared > best.get(identity, (0.0, 0))[0]:
                 best[identity] = (shared, row)
     return {identity: row for identity, (_, row) in best.items()}
 

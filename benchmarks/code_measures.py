@@ -1,6 +1,7 @@
 """Measure the package itself: sizes, annotations, anonymous tuples, untyped compiled calls.
 
-The table of docs/contributing.md is made by this script; it reads sources and runs nothing.
+The table in CONTRIBUTING.md is made by this script; it reads sources and runs nothing.
+`--package DIR` measures another checkout; `--quick` leaves the repeated statements out.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import statistics
 import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -43,7 +43,7 @@ class Function(NamedTuple):
         return max(self.node.end_lineno - first + 1, 0)
 
 
-def measure(package: Path) -> dict[str, float | int]:
+def measure(package: Path, *, find_repeated: bool) -> dict[str, float | int]:
     """Every figure of the table, by its name."""
     texts = {path: path.read_text() for path in sorted(package.rglob("*.py"))}
     trees = {path: ast.parse(text) for path, text in texts.items()}
@@ -53,9 +53,12 @@ def measure(package: Path) -> dict[str, float | int]:
     bodies = [f.body_lines for f in functions]
     public = [f for f in functions if not f.node.name.startswith("_")]
     constants = [c for p in texts for c in unexplained(texts[p], trees[p])]
-    return {
+    figures: dict[str, float | int] = {
         "files": len(lines),
         "lines": sum(lines),
+        "lines of code (without docstrings, comments, blanks)": sum(
+            code_lines(texts[p], trees[p]) for p in texts
+        ),
         "file lines, median": int(statistics.median(lines)),
         "file lines, p90": percentile(lines, 90),
         "files under 20 lines, __init__ apart": sum(
@@ -74,9 +77,23 @@ def measure(package: Path) -> dict[str, float | int]:
         ),
         "untyped compiled functions": sum(bool(untyped_compiled(f)) for f in functions),
         "constants without a reason": len(constants),
-        "repeated runs of statements": repeated(trees),
         "comment lines, %": round(100 * sum(map(comments, texts.values())) / sum(lines), 1),
     }
+    if find_repeated:
+        figures["repeated runs of statements"] = repeated(trees)
+    return figures
+
+
+def code_lines(text: str, tree: ast.Module) -> int:
+    """Lines that hold code."""
+    documentation: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            documentation.update(range(node.lineno, node.end_lineno + 1))
+    return sum(
+        bool(line.strip()) and not line.strip().startswith("#") and number not in documentation
+        for number, line in enumerate(text.splitlines(), 1)
+    )
 
 
 def percentile(values: list[int], q: int) -> int:
@@ -117,18 +134,34 @@ def untyped_compiled(function: Function) -> list[str]:
 
 
 def unexplained(text: str, tree: ast.Module) -> list[str]:
-    """Named numeric constants of a module that neither docstring nor comment explains."""
+    """Named numeric constants of a module that neither docstring nor comment explains.
+
+    A docstring explains the constants above it, a comment the whole group: statements that no
+    blank line separates, so that one reason serves several.
+    """
     noted = {line for line, _ in comment_tokens(text)}
     found = []
-    for statement, after in pairwise([*tree.body, ast.Pass()]):
-        names = numeric_names(statement)
-        if not names:
+    for group in groups(tree):
+        if noted & {*range(group[0].lineno - 1, group[-1].end_lineno + 1)}:
             continue
-        explained = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
-        lines = range(statement.lineno - 1, statement.end_lineno + 1)
-        if not explained and not noted.intersection(lines):
-            found += names
+        open_names: list[str] = []
+        for statement in group:
+            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+                open_names = []
+            open_names += numeric_names(statement)
+        found += open_names
     return found
+
+
+def groups(tree: ast.Module) -> Iterator[list[ast.stmt]]:
+    """Runs of module-level statements that no blank line separates."""
+    group: list[ast.stmt] = []
+    for statement in tree.body:
+        if group and statement.lineno > group[-1].end_lineno + 1:
+            yield group
+            group = []
+        group.append(statement)
+    yield group
 
 
 def numeric_names(statement: ast.stmt) -> list[str]:
@@ -170,6 +203,6 @@ def repeated(trees: dict[Path, ast.Module]) -> int:
 
 
 if __name__ == "__main__":
-    options = arguments(__doc__)
-    figures = measure(PACKAGE)
+    options = arguments(__doc__, package=Path)
+    figures = measure(options.package or PACKAGE, find_repeated=not options.quick)
     report([{"measure": name, "mottrack": value} for name, value in figures.items()], options.json)

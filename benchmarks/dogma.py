@@ -6,7 +6,7 @@
 cycle is everything from classified returns to resampled particles, the measurement grid included;
 ground removal and the read-out into the ego grid are timed apart. Wall time is the minimum over
 cycles, CPU time that of all threads. The peer follows the same equations with numpy's own
-generator, and its maps must agree with ours in occupancy and in velocity.
+generator, and its maps must agree in occupancy and in velocity.
 """
 
 from __future__ import annotations
@@ -23,17 +23,23 @@ from numpy.typing import NDArray
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma import filter as phases
-from mottrack.flow.dogma.births import TRIES
+from mottrack.flow.dogma.births import MAX_DRAWS
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig
-from mottrack.flow.dogma.measurement_grid import MeasurementGrid, SensorConfig, measure
-from mottrack.flow.dogma.returns import Returns, returns_of
+from mottrack.flow.dogma.measurement_grid import Masses, Returns, SensorConfig, measure, returns_of
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair import GroundStage
 
 CELLS, CELL_M, DT_S = 400, 0.25, 0.1
-PHASES = ("assign", "update_occupancy", "allot", "give_birth", "velocity_moments", "resample")
+PHASES = (
+    "assign",
+    "update_occupancy",
+    "allocate_births",
+    "draw_births",
+    "velocity_moments",
+    "resample",
+)
 Grid = NDArray[np.float32]
 
 
@@ -83,7 +89,7 @@ def _slab(
 
 
 class NumpyFilter:
-    """The peer: the equations of the paper with our rules of birth and rest, vectorised."""
+    """The peer: the equations of the paper with the same rules of birth and rest, vectorised."""
 
     def __init__(self, config: FilterConfig) -> None:
         self.config, self.rng = config, np.random.default_rng(1)
@@ -92,12 +98,12 @@ class NumpyFilter:
         self.occupied = self.free = np.zeros((CELLS, CELLS), np.float32)
         self.window: Window | None = None
 
-    def step(self, measured: MeasurementGrid, window: Window) -> dict[str, Grid]:
+    def step(self, measured: Masses, window: Window) -> dict[str, Grid]:
         cell = self._predict(window)
         carried = np.bincount(cell, self.weight, CELLS * CELLS + 1)[:-1]
         prior = np.minimum(carried, 1).reshape(window.shape)
         rates = self.config.occupancy
-        free = np.minimum(rates.remember * self.free, 1 - prior)
+        free = np.minimum(rates.free_kept * self.free, 1 - prior)
         unseen = np.clip(np.minimum(1 - self.occupied - self.free, 1 - prior - free), 0, None)
         agreed = 1 - free * measured.occupied - prior * measured.free
         unknown = 1 - prior - free
@@ -155,7 +161,7 @@ class NumpyFilter:
         rest_share = prior.rest_share * uncovered.ravel()[chosen]
         state = np.zeros((4, number), np.float32)
         again = np.ones(number, np.bool_)
-        for _ in range(TRIES):
+        for _ in range(MAX_DRAWS):
             drawn = self._born_at(chosen, rest_share)
             state[:, again] = drawn[:, again]
             again &= self.rng.random(number) < self._free_before(state)
@@ -209,23 +215,23 @@ def timed(times: Times, function: Callable[..., Any], *arguments: Any) -> Any:
     return result
 
 
-def run_ours(
+def run_compiled(
     scans: list[tuple[Returns, Window]], particles: int, threads: int
 ) -> tuple[dict[str, Times], list[Any]]:
     """Times by phase, and the maps."""
     workers = Workers(threads)
-    ours = DynamicGridFilter(FilterConfig(particles=particles, births=particles // 10), workers)
+    compiled = DynamicGridFilter(FilterConfig(particles=particles, births=particles // 10), workers)
     times = {name: Times([], []) for name in ("cycle", "measure", "filter", "predict", *PHASES)}
     originals = {name: getattr(phases, name) for name in PHASES}
     for name, original in originals.items():
         setattr(phases, name, lambda *a, f=original, t=times[name]: timed(t, f, *a))
-    follow = ours._follow
-    ours._follow = lambda *a: timed(times["predict"], follow, *a)
+    follow = compiled._follow
+    compiled._follow = lambda *a: timed(times["predict"], follow, *a)
     sensor, maps = SensorConfig(), []
 
     def cycle(returns: Returns, window: Window) -> None:
         measured = timed(times["measure"], measure, returns, window, sensor, workers)
-        maps.append(timed(times["filter"], ours.step, measured, window, DT_S))
+        maps.append(timed(times["filter"], compiled.step, measured, window, DT_S))
 
     for returns, window in scans:
         timed(times["cycle"], cycle, returns, window)
@@ -245,9 +251,9 @@ def run_peer(
     return times, maps
 
 
-def agreement(ours: list[Any], peer: list[dict[str, Grid]]) -> dict[str, float]:
+def agreement(compiled: list[Any], peer: list[dict[str, Grid]]) -> dict[str, float]:
     """Mean differences of the last map over cells that both call occupied and persistent."""
-    a, b = ours[-1], peer[-1]
+    a, b = compiled[-1], peer[-1]
     both = (a.masses.occupied > 0.6) & (b["occupied"] > 0.6)
     both &= (a.split.persistent > 0.5) & (b["persistent"] > 0.5)
     speed = np.hypot(*(a.moments.velocity_mps - b["v"])[both].T)
@@ -288,14 +294,14 @@ def main() -> None:
         peer_times, peer_maps = run_peer(scans, particles)
         peer_ms = Times(peer_times.wall[3:], peer_times.cpu[3:]).best_ms()
         for threads in (1, 4):
-            times, maps = run_ours(scans, particles, threads)
+            times, maps = run_compiled(scans, particles, threads)
             for name, t in times.items():
                 rows.append(
                     {"particles": particles, "threads": threads, "phase": name, **t.best_ms()}
                 )
             ratio = peer_ms["cpu ms"] / (1e3 * min(times["filter"].cpu))
             checks.append(
-                {"particles": particles, "threads": threads, "numpy / ours, cpu": ratio}
+                {"particles": particles, "threads": threads, "numpy / compiled, cpu": ratio}
                 | agreement(maps, peer_maps)
             )
         rows.append({"particles": particles, "threads": 1, "phase": "filter, numpy", **peer_ms})

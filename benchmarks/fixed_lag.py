@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from mottrack.core import Objects, VelocityMeasurement
 from mottrack.trackers.fixed_lag import FixedLagConfig, FixedLagTracker
+from mottrack.trackers.fixed_lag.config import MotionModelConfig
 from mottrack.trackers.fixed_lag.gtsam_engine import GtsamEngine
-from mottrack.trackers.fixed_lag.motion import MotionNoise
 from mottrack.trackers.fixed_lag.nodes import NodeBatch, WhitenedRows, whiten
 from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
 
-NOISE = MotionNoise()
+MODEL = MotionModelConfig()
 
 
 class World:
@@ -93,7 +93,7 @@ class OwnSmoothers:
                 for s in batch.slot.tolist()
             ]
         )
-        rows = whiten(batch, np.zeros((len(batch), 2)), dt_s, NOISE)
+        rows = whiten(batch, np.zeros((len(batch), 2)), dt_s, MODEL)
         for row, slot in enumerate(batch.slot.tolist()):
             self._update(batch, rows, row, slot)
 
@@ -148,9 +148,10 @@ def resident_mb() -> float:
 
 
 def engine_times(
-    engine: GtsamEngine | NumpyEngine, frames: int, tracks: int
+    engine: GtsamEngine | NumpyEngine, frames: int, tracks: int, start_ns: int = 10**9
 ) -> NDArray[np.float64]:
     world, times = World(tracks), []
+    world.stamp_ns = start_ns
     for _ in range(frames):
         batch, ended = world.step()
 
@@ -225,21 +226,20 @@ def main() -> None:
         peer_ms = float(peer[min(20, len(peer) // 3) :].mean())
         lines.append(row("IncrementalFixedLagSmoother per track", lag_s, peer, peer_ms))
         for name, engine in (
-            ("engine gtsam", GtsamEngine(NOISE, lag_ns)),
-            ("engine gtsam, three factors", GtsamEngine(NOISE, lag_ns, separate_factors=True)),
-            ("engine numpy", NumpyEngine(NOISE, lag_ns)),
+            ("engine gtsam", GtsamEngine(MODEL, lag_ns)),
+            ("engine gtsam, three factors", GtsamEngine(MODEL, lag_ns, separate_factors=True)),
+            ("engine numpy", NumpyEngine(MODEL, lag_ns)),
         ):
             lines.append(row(name, lag_s, engine_times(engine, frames, tracks), peer_ms))
         lines.append(row("tracker gtsam", lag_s, tracker_times(lag_s, frames, tracks), peer_ms))
     report(lines, options.json)
     long_run = 500 if options.quick else 5000
-    engine = GtsamEngine(NOISE, 10**9)
+    engine = GtsamEngine(MODEL, 10**9)
     engine_times(engine, 100, tracks)
     for slot in engine.live().tolist():
         engine.release(slot)
-    engine._last_stamp_ns = None
     before = resident_mb()
-    engine_times(engine, long_run, tracks)
+    engine_times(engine, long_run, tracks, start_ns=10**12)
     print(f"memory over {long_run} frames: {before:.1f} -> {resident_mb():.1f} MB")
 
 

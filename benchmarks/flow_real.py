@@ -35,7 +35,6 @@ from mottrack.flow.pillarflow.source import (
     PillarFlowConfig,
 )
 from mottrack.flow.zero import ZeroFlow
-from mottrack.pipeline.stream import is_stateful
 
 DYNAMIC_MPS = 0.5
 """A faster cell is dynamic, as everywhere in the flow scores."""
@@ -76,9 +75,8 @@ def scores(estimate_mps: Floats, truth_mps: Floats) -> dict[str, float]:
 def run(drive: Drive, source: FlowSource, grid: BevGrid, every: int) -> dict[str, float]:
     """Score one source over a drive; one that filters over time sees every sweep."""
     estimates, truths, milliseconds = [], [], []
-    stateful = is_stateful(source)
     for index in range(1, len(drive.sweeps)):
-        if index % every and not stateful:
+        if index % every and not source.stateful:
             continue
         if isinstance(source, FrameObserver):
             source.observe(drive.frame(index - 1))

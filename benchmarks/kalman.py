@@ -40,8 +40,6 @@ OURS: dict[str, dict[str, Any]] = {
     "mottrack published preset": {"preset": "stanford_iprl_tri"},
     "mottrack default": {},
     "mottrack default, velocities": {},
-    "mottrack dense": {"engine": "dense"},
-    "mottrack imm": {"motion": {"default": "imm"}},
     "filterpy engine": {"preset": "stanford_iprl_tri", "engine": "filterpy"},
 }
 
@@ -121,7 +119,7 @@ def measure(count: int, repeats: int, *, quick: bool) -> list[dict[str, Any]]:
     data, rows = workload(count, frames), []
     reference = None
     for name in OURS:
-        slow = name == "filterpy engine" or "imm" in name
+        slow = name == "filterpy engine"
         n = WARM_UP + 5 if slow else frames
         best = max(time_ours(data, n, name) for _ in range(1 if slow else repeats))
         rows.append({"objects": count, "tracker": name, "frames/s": best})

@@ -23,11 +23,11 @@ def main() -> None:
     steps = 20_000 if options.quick else 1_000_000
     rng = np.random.default_rng(0)
     scale = 10.0 ** np.linspace(-2, 3, TRACKS)[:, None]
-    process = scale**2 * 10.0 ** rng.uniform(-3, 0, (TRACKS, 13))
+    process = scale**2 * 10.0 ** rng.uniform(-3, 0, (TRACKS, 11))
     bank = BlockBank(wiener=True)
     mean = np.hstack([scale * rng.normal(size=(TRACKS, 7)), np.zeros((TRACKS, 4))])
     prior = scale[:, :, None] ** 2 * np.eye(2)
-    bank.append(mean, np.tile(scale**2, (1, 11)), prior, np.zeros(TRACKS, np.int64))
+    bank.append(mean, np.tile(scale**2, (1, 11)), prior)
     tilt = np.eye(2) + 0.4 * np.array([[0.0, 1.0], [1.0, 0.0]])
     asymmetry, smallest, start = 0.0, np.inf, time.process_time()
     for step in range(steps):

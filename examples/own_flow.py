@@ -1,4 +1,4 @@
-"""A flow source of your own: any class with `estimate` and `reset`.
+"""A flow source of your own: a class with `estimate`.
 
 PYTHONPATH=examples mottrack run demo flow=own_flow:BlobFlow flow.reach_m=4 --out out/own
 """
@@ -10,19 +10,21 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from mottrack import BevGrid, FlowField, Sweep
+from mottrack.core import FlowSourceBase
+from mottrack.core.sweep import seconds_between
 
 
-class BlobFlow:
-    """Each connected blob of occupied cells has come from the blob that was nearest to it."""
+class BlobFlow(FlowSourceBase):
+    """Each connected blob of occupied cells is matched to the nearest blob of the sweep before."""
 
-    def __init__(self, reach_m: float = 3.0) -> None:  # settings of a configuration: flow.reach_m
-        self.grid, self.reach_m = BevGrid(), reach_m
+    def __init__(self, reach_m: float = 3.0, *, grid: BevGrid) -> None:  # flow.reach_m, grid.*
+        self.grid, self.reach_m = grid, reach_m
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
         """Velocity of every cell (H, W) over the ground, m/s, in the current ego frame."""
         then_m = self._blobs(previous.seen_from(current))[1][1:]  # ego motion removed
         label, now_m = self._blobs(current)
-        elapsed_s = (current.stamp_ns - previous.stamp_ns) * 1e-9
+        elapsed_s = seconds_between(previous.stamp_ns, current.stamp_ns)
         apart_m, nearest = cKDTree(then_m).query(now_m, distance_upper_bound=self.reach_m)
         found = np.isfinite(apart_m)  # blobs beyond reach, and the background, have no velocity
         shift_m = now_m - np.vstack([then_m, np.zeros(2)])[nearest]
@@ -33,9 +35,6 @@ class BlobFlow:
             covariance_m2ps2=np.broadcast_to(4.0 * np.eye(2), (*self.grid.shape, 2, 2)),
             valid=found[label],
         )
-
-    def reset(self) -> None:
-        """A new scene begins: nothing to forget."""
 
     def _blobs(self, sweep: Sweep) -> tuple[np.ndarray, np.ndarray]:
         occupied = self.grid.occupancy(sweep.xyz_m[sweep.xyz_m[:, 2] > 0.4])  # crude: flat ground

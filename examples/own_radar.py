@@ -1,4 +1,4 @@
-r"""Velocities of a radar for the Kalman tracker: an object source whose boxes carry them.
+r"""Radar velocities for the Kalman tracker: an object source whose boxes carry them.
 
 PYTHONPATH=examples mottrack compare demo flow=zero objects=detections,own_radar:RadarBoxes \
     --out out/radar
@@ -7,27 +7,27 @@ PYTHONPATH=examples mottrack compare demo flow=zero objects=detections,own_radar
 import numpy as np
 
 from mottrack import Objects, Sweep, VelocityMeasurement
-from mottrack.core import Frame
+from mottrack.core import Frame, ObjectSourceBase
 
 
-class RadarBoxes:
+class RadarBoxes(ObjectSourceBase):
     """The data set's detections with the speed of the nearest true box along the beam, and noise.
 
-    A real radar would be asked here; flow that is measured as well is joined with it.
+    A real radar would be read here; measured flow is fused with it.
     """
 
-    needs_sweeps = False  # looks at no points
+    needs_sweeps, needs_detections = False, True  # reads boxes, no points
 
     def __init__(self, sigma_mps: float = 0.2, reach_m: float = 2.0) -> None:
         self.sigma_mps, self.reach_m = sigma_mps, reach_m
         self.reset()
 
     def reset(self) -> None:
-        """A new scene begins."""
+        """Start a new scene."""
         self.noise = np.random.default_rng(0)
 
     def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
-        """The frame's detections (N) in the world frame, with a speed along each beam in m/s."""
+        """Return the frame's detections (N), world frame, with a speed along each beam in m/s."""
         boxes, truth = frame.detections, frame.truth
         if not len(boxes) or not len(truth):
             return boxes

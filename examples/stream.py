@@ -1,4 +1,4 @@
-"""Feed a pipeline sweep by sweep, as a car would, and see whether it keeps up.
+"""Feed a pipeline sweep by sweep, as in a vehicle, and print its latency.
 
 python examples/stream.py [flow=pillarflow ...]
 """

@@ -1,28 +1,26 @@
 """mottrack: multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.
 
-``import mottrack`` costs nothing: each name is brought in when it is first used. The types need
-numpy alone; each room (``datasets``, ``flow``, ``objects``, ``trackers``, ``eval``) brings in its
-own dependencies where it is used, and so does ``Pipeline``.
+``import mottrack`` needs numpy alone. `Pipeline` and the packages (``datasets``, ``flow``,
+``objects``, ``trackers``, ``eval``) import further libraries when they are first used.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mottrack._version import __version__
+from mottrack.core import (
+    BevGrid,
+    FlowField,
+    Frame,
+    MottrackError,
+    Objects,
+    Pose,
+    SceneResult,
+    Sweep,
+    Tracks,
+    VelocityMeasurement,
+)
 
 if TYPE_CHECKING:
-    from mottrack.core import (
-        BevGrid,
-        FlowField,
-        Frame,
-        MottrackError,
-        Objects,
-        Pose,
-        SceneResult,
-        Sweep,
-        Tracks,
-        VelocityMeasurement,
-    )
     from mottrack.pipeline.stream import Pipeline
 
 __all__ = [
@@ -42,12 +40,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in __all__:
+    if name != "Pipeline":
         raise AttributeError(f"module 'mottrack' has no attribute '{name}'")
-    home = "mottrack.pipeline.stream" if name == "Pipeline" else "mottrack.core"
-    value = globals()[name] = getattr(import_module(home), name)
-    return value
+    from mottrack.pipeline.stream import Pipeline
 
-
-def __dir__() -> list[str]:
-    return __all__
+    return Pipeline

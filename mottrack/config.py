@@ -1,4 +1,4 @@
-"""The base of every configuration model."""
+"""Base class of every configuration model."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pydantic import BaseModel, ConfigDict
 
 
 class StrictModel(BaseModel):
-    """A configuration: frozen, an unknown key is an error, and NaN is refused."""
+    """A configuration: frozen; unknown keys, NaN and infinity are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def files(self) -> tuple[Path, ...]:
-        """Files that decide results beside the settings and the data: a network's weights."""
+        """Return the files beside the settings and the data that decide results: weights."""
         return ()

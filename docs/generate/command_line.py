@@ -1,4 +1,4 @@
-"""The command-line reference, from the typer application itself."""
+"""The command-line reference, generated from the typer application."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from mottrack.cli import app
 
 INTRODUCTION = """# Command line
 
-`mottrack VERB --help` says the same. An error that you can mend is one line and exit code 2; exit
-code 3 says that some scene failed or a check found faults, and that the rest was done.
+`mottrack COMMAND --help` prints the same. An error that you can fix is one line and exit code 2;
+exit code 3 means that some scene failed or a check found faults, and that the rest was done.
 """
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     parts = [INTRODUCTION]
     for name, command in commands():
         words = [_word(p) for p in command.params if p.param_type_name == "argument"]
@@ -29,7 +29,7 @@ def page() -> str:
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """(name as typed, command) of every verb, in the order of the help."""
+    """Yield (name as typed, command) of every command, in the order of the help."""
     yield from _below("mottrack", typer.main.get_command(app))
 
 

@@ -1,4 +1,4 @@
-"""The configuration reference, from the pydantic models themselves."""
+"""The configuration reference, generated from the pydantic models."""
 
 from __future__ import annotations
 
@@ -9,43 +9,41 @@ from fields import rows
 from pieces import code, paragraphs, table
 from pydantic import BaseModel
 
-from mottrack.experiment.catalogue import catalogue
+from mottrack.core.interfaces import TableEntry
 from mottrack.experiment.configs import shipped_folder
-from mottrack.experiment.plugins import TABLES
+from mottrack.experiment.plugins import PARTS
 from mottrack.experiment.settings import Settings
 from mottrack.flow.pillarflow.training.config import TrainConfig
 
 HEAD = ("key", "value", "default", "")
-CATALOGUE = {"dataset": "datasets", "objects": "objects", "flow": "flows", "tracker": "trackers"}
 INTRODUCTION = """# Configuration
 
 An experiment is a YAML file of these keys. On the command line `key=value` overrides one, a comma
 makes a sweep (`flow=zero,icp`), and a wrong key or value is an error that names the valid ones.
 `NAME` of a part is one of those below, a file `<group>/NAME.yaml` beside the experiment or shipped,
-or `module:Class` of your own. This page is made from the models that check every run.
+or `module:Class` of your own. This page is generated from the models that check every run.
 """
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page."""
     parts = [INTRODUCTION, _shipped(), "## The experiment\n", _table(Settings, "")]
-    for group, (_, names) in TABLES.items():
+    for group, kind in PARTS.items():
         parts.append(f"## {group}\n\nSet by `{group}=NAME`, or `{group}: {{kind: NAME, ...}}`.\n")
-        parts += [_part(group, name, place) for name, place in names.items()]
+        parts += [_part(group, name, entry) for name, entry in kind.table.items()]
     parts.append("## Training\n\nOf `mottrack train`: a file of its own.\n")
     parts.append(_table(TrainConfig, ""))
     return "\n".join(parts)
 
 
-def _part(group: str, name: str, place: str) -> str:
-    model = model_of(place)
-    summary = paragraphs(catalogue()[CATALOGUE[group]][name])
-    return f"### {group}={name} {{ #{group}-{name} }}\n\n{summary}\n{_table(model, f'{group}.')}"
+def _part(group: str, name: str, entry: TableEntry) -> str:
+    summary, table_ = paragraphs(entry.summary), _table(model_of(entry), f"{group}.")
+    return f"### {group}={name} {{ #{group}-{name} }}\n\n{summary}\n{table_}"
 
 
-def model_of(place: str) -> type[BaseModel]:
-    """The settings of the class at ``module:Class``."""
-    module, _, name = place.partition(":")
+def model_of(entry: TableEntry) -> type[BaseModel]:
+    """Return the settings of a class."""
+    module, _, name = entry.target.partition(":")
     model: type[BaseModel] = getattr(import_module(module), name).Config
     return model
 
@@ -60,7 +58,7 @@ def _table(model: type[BaseModel], prefix: str) -> str:
 
 def _shipped() -> str:
     folder = shipped_folder()
-    of_groups = [file for group in TABLES for file in sorted((folder / group).glob("*.yaml"))]
+    of_groups = [file for group in PARTS for file in sorted((folder / group).glob("*.yaml"))]
     lines = []
     for file in (*sorted(folder.glob("*.yaml")), *of_groups):
         name = str(file.relative_to(folder).with_suffix(""))
@@ -69,7 +67,7 @@ def _shipped() -> str:
 
 
 def _first_sentence(file: Path) -> str:
-    """The comment at the head of a file, up to the first line that ends a sentence."""
+    """Return the comment at the head of a file, up to the first line that ends a sentence."""
     said: list[str] = []
     for line in file.read_text("utf-8").splitlines():
         if not line.startswith("# ") or (said and said[-1].endswith((".", "?"))):

@@ -25,15 +25,15 @@ class Row(NamedTuple):
 
 
 def rows(model: type[BaseModel], prefix: str = "", at: BaseModel | None = None) -> Iterator[Row]:
-    """The fields in order, those of nested models under their dotted keys.
+    """Yield the fields in order, those of nested models under their dotted keys.
 
     Args:
         model: the model.
         prefix: dotted key of the model, with its last dot.
-        at: what a parent makes of it by default; its values are the defaults then.
+        at: default value of the model in its parent, whose values are then the defaults.
     """
     if at is None and not any(f.is_required() for f in model.model_fields.values()):
-        at = model()  # a preset may have changed what the fields say of themselves
+        at = model()  # a preset may change the defaults of the fields
     for name, field in model.model_fields.items():
         default = field.get_default(call_default_factory=True) if at is None else getattr(at, name)
         nested = _model_in(field.annotation)
@@ -52,15 +52,17 @@ def _row(key: str, field: FieldInfo, default: Any) -> Row:
         for name, sign in BOUNDS.items()
         if getattr(constraint, name, None) is not None
     ]
-    return Row(key, type_name(field.annotation), _value(default), ", ".join(bounds), said(field))
-
-
-def said(field: FieldInfo) -> str:
-    return field.description or ""
+    return Row(
+        key,
+        type_name(field.annotation),
+        _value(default),
+        ", ".join(bounds),
+        field.description or "",
+    )
 
 
 def type_name(annotation: Any) -> str:
-    """What to type: ``number``, ``auto, block or dense``, ``list of 2 numbers``."""
+    """Return the kind of value: ``number``, ``auto, block or dense``, ``list of 2 numbers``."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return type_name(arguments[0])

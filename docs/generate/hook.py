@@ -1,6 +1,6 @@
-"""What mkdocs calls: adds the generated pages and turns formulas into MathML.
+"""Hooks of mkdocs: add the generated pages and convert formulas to MathML.
 
-MathML is drawn by the browser itself, so no page loads a script or a font from the network.
+Browsers render MathML natively, so no page loads a script or a font from the network.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ FORMULA = re.compile(r'<(div|span) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Adds what is made from the sources."""
+    """Add the generated pages."""
     for path, page in PAGES.items():
         files.append(File.generated(config, path, content=page()))
     return files
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Puts MathML in the place of LaTeX."""
+    """Replace LaTeX by MathML."""
     return FORMULA.sub(_formula, content)
 
 

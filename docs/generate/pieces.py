@@ -1,4 +1,4 @@
-"""Small pieces of Markdown."""
+"""Markdown tables, code and paragraphs."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from collections.abc import Iterable
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A table; line breaks and bars inside cells are taken care of."""
+    """Return a table; line breaks and bars inside cells are escaped."""
     first = list(head)
     lines = [first, ["---"] * len(first), *rows]
     return "\n".join("| " + " | ".join(map(_cell, line)) + " |" for line in lines) + "\n"
 
 
 def code(text: object) -> str:
-    """Inline code; nothing for nothing."""
+    """Return inline code; an empty string for an empty text."""
     return f"`{text}`" if str(text) else ""
 
 
 def paragraphs(docstring: str | None) -> str:
-    """A docstring as plain Markdown, double back-ticks made single."""
+    """Return a docstring as Markdown, with single back-ticks."""
     return (docstring or "").replace("``", "`") + "\n"
 
 

@@ -7,16 +7,21 @@ from typing import Annotated
 
 import typer
 
-Config = Annotated[str, typer.Argument(help="YAML file, or the name of one that is shipped")]
+# 1 is an unexpected exception; typer ends with 2 for a wrong command line too
+EXIT_USER_ERROR = 2
+EXIT_SCENES_FAILED = 3
+
+Config = Annotated[str, typer.Argument(help="YAML file, or the name of a shipped one")]
 Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
 Sweep = Annotated[
     list[str] | None, typer.Argument(help="key=value ...; flow=zero,icp makes a sweep")
 ]
-Workers = Annotated[int, typer.Option("--workers", min=0, help="processes; 0: one a core")]
+Workers = Annotated[
+    int, typer.Option("--workers", min=0, help="number of processes; 0: one per core")
+]
 Baseline = Annotated[
-    str | None,
-    typer.Option("--baseline", help="run that the others are compared with; the first one"),
+    str | None, typer.Option("--baseline", help="baseline run (default: the first)")
 ]
 Strict = Annotated[bool, typer.Option("--strict", help="warnings are errors")]
 FinishedRun = Annotated[Path, typer.Argument(help="folder of a finished run")]
-SceneName = Annotated[str | None, typer.Option("--scene", help="by default the first one")]
+SceneName = Annotated[str | None, typer.Option("--scene", help="name (default: the first)")]

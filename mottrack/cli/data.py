@@ -56,10 +56,10 @@ def check(  # noqa: PLR0913
     The exit code is 3 if there is a fault; a warning is one if strict.
     """
     from mottrack.core.errors import ConfigError
+    from mottrack.core.processes import available_cores
     from mottrack.datasets.check import check_dataset, kind_of_folder
     from mottrack.experiment.overrides import parse_override
     from mottrack.experiment.plugins import load_part
-    from mottrack.runs.workers import available_cores
 
     settings: dict[str, object] = {
         "kind": format_name or kind_of_folder(dataset),

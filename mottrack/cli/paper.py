@@ -1,4 +1,4 @@
-"""``mottrack paper``: reproduction of the tables, figures and claims of the paper."""
+"""``mottrack paper``: reproduction of the paper's tables, figures and claims."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import Workers
+from mottrack.cli.arguments import EXIT_SCENES_FAILED, Workers
 
-EXIT_SCENES_FAILED = 3
-
-Root = Annotated[Path | None, typer.Option(help="folder of the data set; omitted if not given")]
+Root = Annotated[Path | None, typer.Option(help="folder of the data set, to include it")]
 Settings = Annotated[
     list[str] | None,
     typer.Argument(
@@ -30,25 +28,27 @@ def paper(  # noqa: PLR0913
     settings: Settings = None,
     *,
     out: Annotated[
-        Path, typer.Option("--out", help="output folder; an interrupted run resumes in it")
+        Path, typer.Option("--out", help="folder for results; an interrupted run in it is resumed")
     ],
-    quick: Annotated[bool, typer.Option("--quick", help="use few and short scenes")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="few and short scenes")] = False,
     kitti: Root = None,
     nuscenes: Root = None,
     argoverse2: Root = None,
     ablation: Annotated[
-        Path | None,
-        typer.Option(help="folder of the weights for Table II: NAME/weights.safetensors"),
+        Path | None, typer.Option(help="folder with weights of Table II: NAME/weights.safetensors")
     ] = None,
     workers: Workers = 0,
 ) -> None:
-    """Reproduce every table, figure and claim of the paper beside the published values."""
+    """Reproduce every table, figure and claim of the paper, beside the printed values.
+
+    Example: mottrack paper --quick --out out/paper
+    """
+    from mottrack.core.processes import available_cores
     from mottrack.paper.page import write_paper
     from mottrack.paper.plan import Request
     from mottrack.paper.results import run_studies
     from mottrack.paper.studies import studies
     from mottrack.runs.terminal import TerminalProgress
-    from mottrack.runs.workers import available_cores
 
     roots = {"kitti": kitti, "nuscenes": nuscenes, "argoverse2": argoverse2}
     given = {name: root for name, root in roots.items() if root is not None}

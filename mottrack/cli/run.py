@@ -7,15 +7,15 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import Baseline, Config, Sweep, Workers
+from mottrack.cli.arguments import EXIT_SCENES_FAILED, Baseline, Config, Sweep, Workers
 
-EXIT_SCENES_FAILED = 3
-
-Out = Annotated[Path, typer.Option("--out", help="folder for results; may hold an earlier part")]
+Out = Annotated[
+    Path, typer.Option("--out", help="folder for results; an interrupted run in it is resumed")
+]
 
 
 def register(app: typer.Typer) -> None:
-    """Adds the commands of this module."""
+    """Add the commands of this module."""
     app.command("run")(run)
     app.command("compare")(compare)
     app.command("demo")(demo)
@@ -23,7 +23,10 @@ def register(app: typer.Typer) -> None:
 
 
 def run(config: Config, overrides: Sweep = None, *, out: Out, workers: Workers = 0) -> None:
-    """Track every scene of an experiment and score it; a sweep runs every combination."""
+    """Track every scene of an experiment and score the result; a sweep runs every combination.
+
+    Example: mottrack run demo flow=icp dataset.scenes=1 --out out/first
+    """
     _run(config, overrides or [], out, workers)
 
 
@@ -35,14 +38,23 @@ def compare(
     workers: Workers = 0,
     baseline: Baseline = None,
 ) -> None:
-    """Run several flow sources and trackers; say what each was worth, and what of it is real."""
+    """Run every combination, score it and test which differences are significant.
+
+    Example: mottrack compare demo flow=zero,icp tracker=kalman,fixed_lag --out out/compare
+    """
     _run(config, overrides or [], out, workers, baseline)
 
 
 def demo(
-    *, out: Out = Path("out/demo"), workers: Workers = 0, quick: bool = typer.Option(False)
+    *,
+    out: Out = Path("out/demo"),
+    workers: Workers = 0,
+    quick: Annotated[bool, typer.Option("--quick", help="one scene of 4 s")] = False,
 ) -> None:
-    """Compare flow sources on the embedded world, which needs no download, and write a report."""
+    """Compare flow sources on the embedded world, which needs no download, and write a report.
+
+    Example: mottrack demo --quick
+    """
     quick_overrides = ["dataset.scenes=1", "dataset.duration_s=4"] if quick else []
     _run("demo", quick_overrides, out, workers)
 
@@ -50,16 +62,19 @@ def demo(
 def list_parts(
     what: Annotated[str, typer.Argument(help="flows, trackers, datasets or objects")],
 ) -> None:
-    """List the parts that a configuration can name."""
-    from mottrack.core.errors import unknown_name
-    from mottrack.experiment.catalogue import catalogue
+    """List the parts that a configuration can name.
 
-    tables = catalogue()
+    Example: mottrack list flows
+    """
+    from mottrack.core.errors import unknown_name
+    from mottrack.experiment.plugins import PARTS
+
+    tables = {kind.plural: kind.table for kind in PARTS.values()}
     if what not in tables:
         raise unknown_name("list", what, tables)
-    width = max(len(name) for name in tables[what])
-    for name, summary in tables[what].items():
-        typer.echo(f"{name:{width}}  {summary}")
+    width = max(map(len, tables[what]))
+    for name, entry in tables[what].items():
+        typer.echo(f"{name:{width}}  {entry.summary}")
 
 
 def _run(
@@ -79,7 +94,7 @@ def _run(
         )
     write_tables(comparison_tables(comparison), out / "tables")
     print_comparison(comparison)
-    if any(run.report.finished for run in comparison.runs):
+    if any(run.finished for run in comparison.runs):
         write_report(comparison, out / "report.html")
         typer.echo(f"report:  {out / 'report.html'}")
     if comparison.failed:

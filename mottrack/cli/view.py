@@ -33,7 +33,7 @@ def view(
     ] = None,
 ) -> None:
     """Show the scenes of a run in rerun: points, flow, boxes, tracks, velocities, truth."""
-    from mottrack.runs.stored_scene import StoredScene, pick_scene, stored_scenes
+    from mottrack.runs.run_folder import StoredScene, pick_scene, stored_scenes
     from mottrack.viz.recording import Recording
 
     for name in stored_scenes(run) if scene is None else [pick_scene(run, scene)]:
@@ -60,7 +60,7 @@ def animate(
     speed: Speed = 1.0,
 ) -> None:
     """Write a scene of a run as an animation seen from above."""
-    from mottrack.runs.stored_scene import StoredScene, pick_scene
+    from mottrack.runs.run_folder import StoredScene, pick_scene
     from mottrack.viz.bev import draw_key_frames, key_frame_period_s
 
     stored = StoredScene.load(run, pick_scene(run, scene))

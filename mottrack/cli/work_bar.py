@@ -1,4 +1,4 @@
-"""Progress of long work without scenes: a bar on a terminal, lines in a log file."""
+"""Progress of training and similar work: a bar on a terminal, lines in a log file."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ if TYPE_CHECKING:
     from mottrack.flow.pillarflow.training.checkpoint import Progress as TrainingProgress
 
 LINES = 100
+"""Maximum number of lines in a log file: one per cent of the work each."""
 
 
 class WorkBar:
-    """Shows how far the work is; of several processes only the first one does."""
+    """Shows the progress; of several processes only the first one does."""
 
     def __init__(self, title: str, total: int) -> None:
-        """`total` may be 0 until it is known."""
+        """Start with `total` steps; 0 until it is known."""
         self._hidden = int(os.environ.get("RANK", "0")) != 0
         self._console = Console()
         columns = (TextColumn(title), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
@@ -36,11 +37,11 @@ class WorkBar:
         self._bar.stop()
 
     def shards(self, done: int, total: int) -> None:
-        """After each shard of examples."""
+        """Show the progress after each shard of examples."""
         self._show(done, total, "")
 
     def training(self, progress: TrainingProgress) -> None:
-        """After each step."""
+        """Show the progress and the loss after each training step."""
         losses = [point["loss"] for point in progress.history[-3:] if "loss" in point]
         total = int(self._bar.tasks[0].total or 0)
         self._show(progress.step, total, f"loss {losses[-1]:.3f}" if losses else "")

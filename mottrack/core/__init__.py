@@ -1,62 +1,35 @@
-"""The ground floor: types, interfaces and errors. Imports numpy alone, and nothing of ours."""
+"""Types, interfaces and errors. Depends on numpy alone and on no other package of mottrack."""
 
-from mottrack.core.errors import (
-    ConfigError,
-    DataError,
-    InputError,
-    MottrackError,
-    MottrackWarning,
-    ResultError,
-)
-from mottrack.core.frame import Frame
-from mottrack.core.grid import BevGrid
-from mottrack.core.interfaces import (
-    Dataset,
-    FlowSource,
-    FrameObserver,
-    GroundMap,
-    GroundUser,
-    ObjectSource,
-    Scene,
-    Tracker,
-)
-from mottrack.core.motion import FlowField, VelocityMeasurement
-from mottrack.core.objects import Boxes, Objects, Tracks, Truth
-from mottrack.core.pose import Pose
-from mottrack.core.result import SceneResult
-from mottrack.core.snapshot import Snapshot
-from mottrack.core.sweep import Sweep
-from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
-
-__all__ = [
-    "BevGrid",
-    "Boxes",
-    "ConfigError",
-    "DataError",
-    "Dataset",
-    "FlowField",
-    "FlowSamples",
-    "FlowSource",
-    "Frame",
-    "FrameObserver",
-    "FrameTable",
-    "GroundMap",
-    "GroundUser",
-    "InputError",
-    "MottrackError",
-    "MottrackWarning",
-    "ObjectSource",
-    "Objects",
-    "Pose",
-    "ResultError",
-    "Scene",
-    "SceneResult",
-    "Snapshot",
-    "Sweep",
-    "TrackTable",
-    "Tracker",
-    "Tracks",
-    "Truth",
-    "TruthTable",
-    "VelocityMeasurement",
-]
+from mottrack.core.errors import ConfigError as ConfigError
+from mottrack.core.errors import DataError as DataError
+from mottrack.core.errors import InputError as InputError
+from mottrack.core.errors import MottrackError as MottrackError
+from mottrack.core.errors import MottrackWarning as MottrackWarning
+from mottrack.core.errors import ResultError as ResultError
+from mottrack.core.frame import Frame as Frame
+from mottrack.core.grid import BevGrid as BevGrid
+from mottrack.core.interfaces import Dataset as Dataset
+from mottrack.core.interfaces import FlowSource as FlowSource
+from mottrack.core.interfaces import FlowSourceBase as FlowSourceBase
+from mottrack.core.interfaces import FrameObserver as FrameObserver
+from mottrack.core.interfaces import GroundMap as GroundMap
+from mottrack.core.interfaces import GroundUser as GroundUser
+from mottrack.core.interfaces import ObjectSource as ObjectSource
+from mottrack.core.interfaces import ObjectSourceBase as ObjectSourceBase
+from mottrack.core.interfaces import Scene as Scene
+from mottrack.core.interfaces import TableEntry as TableEntry
+from mottrack.core.interfaces import Tracker as Tracker
+from mottrack.core.motion import FlowField as FlowField
+from mottrack.core.motion import VelocityMeasurement as VelocityMeasurement
+from mottrack.core.objects import Boxes as Boxes
+from mottrack.core.objects import Objects as Objects
+from mottrack.core.objects import Tracks as Tracks
+from mottrack.core.objects import Truth as Truth
+from mottrack.core.pose import Pose as Pose
+from mottrack.core.result import SceneResult as SceneResult
+from mottrack.core.snapshot import Snapshot as Snapshot
+from mottrack.core.sweep import Sweep as Sweep
+from mottrack.core.tables import FlowSamples as FlowSamples
+from mottrack.core.tables import FrameTable as FrameTable
+from mottrack.core.tables import TrackTable as TrackTable
+from mottrack.core.tables import TruthTable as TruthTable

@@ -1,4 +1,4 @@
-"""Names of the array types that are used throughout."""
+"""Names of array types."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 F64: TypeAlias = NDArray[np.float64]
 F32: TypeAlias = NDArray[np.float32]
 Floats: TypeAlias = NDArray[np.floating[Any]]
-"""Of either precision: compiled functions are specialised for the one they are called with."""
+"""Either precision: numba specialises a compiled function for the one that it is called with."""
 I64: TypeAlias = NDArray[np.int64]
 I32: TypeAlias = NDArray[np.int32]
 I16: TypeAlias = NDArray[np.int16]

@@ -1,8 +1,9 @@
-"""Checks that the core types run when they are made."""
+"""Checks that the core types run on construction."""
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -10,15 +11,28 @@ from numpy.typing import DTypeLike, NDArray
 from mottrack.core.arrays import Floats, Mask
 from mottrack.core.errors import InputError
 
-T = TypeVar("T", bound=np.generic)
+COVARIANCE_TOLERANCE = 1e-6
+"""Asymmetry and negative determinant of a covariance, relative to its trace: the rounding of
+float32, which flow sources compute in, with a factor of about ten to spare."""
+
+
+class Column(NamedTuple):
+    """A column of a table: what each row holds."""
+
+    dtype: Any
+    shape: tuple[int, ...] = ()
+    """Of one row: () a scalar, (3,) a vector."""
+
+
+Columns = dict[str, Column]
 
 
 def as_array(
     field: str, value: object, dtype: DTypeLike, shape: tuple[int | None, ...]
 ) -> NDArray[Any]:
-    """Returns ``value`` as a read-only view of ``dtype`` and ``shape`` (None: any length).
+    """Return ``value`` as a read-only view of ``dtype`` and ``shape`` (None: any length).
 
-    An array that has the dtype already is not copied: whoever made it must not write to it later.
+    An array that has the dtype already is not copied: its owner must not write to it later.
 
     Raises:
         InputError: naming the field, with the actual and the expected shape, or with the first
@@ -28,7 +42,8 @@ def as_array(
     try:
         given = np.asarray(value)
         _require_kind(field, given, np.dtype(dtype))
-        array = given if given.dtype == dtype else _converted(given, dtype)
+        with np.errstate(invalid="ignore", over="ignore"):
+            array = given if given.dtype == dtype else given.astype(dtype, copy=False)
     except InputError:
         raise
     except (TypeError, ValueError, OverflowError) as error:
@@ -49,33 +64,28 @@ def as_array(
 
 
 def _refuse_masked(field: str, value: object) -> None:
-    """Refuses masked entries: numpy would hand over what the mask hides."""
+    """Refuse masked entries: numpy would hand over what the mask hides."""
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         raise InputError(field, "a masked array with masked entries", "values, or fewer rows")
 
 
 def _require_kind(field: str, given: NDArray[Any], dtype: np.dtype[Any]) -> None:
-    """Refuses what numpy converts although it means something else: text to numbers or truth."""
+    """Refuse what numpy converts although it means something else: text to numbers or truth."""
     if given.dtype == dtype or given.size == 0:
         return
-    texts = given.dtype.kind in "USM" or (
+    texts = given.dtype.kind in "US" or (
         given.dtype.kind == "O" and any(isinstance(item, str | bytes) for item in given.flat)
     )
     wrong = dtype.kind in "fiub" and (texts or given.dtype.kind in "cmM")
-    if dtype.kind == "b" and not wrong and given.dtype != dtype:
+    if dtype.kind == "b" and not wrong:
         wrong = not bool(np.isin(given, (0, 1)).all())
     if wrong:
-        kind = "text" if texts else str(given.dtype)
+        kind = "text" if texts else f"{given.dtype} other than 0 and 1"
         raise InputError(field, kind, f"an array of {dtype}")
 
 
-def _converted(given: NDArray[Any], dtype: DTypeLike) -> NDArray[Any]:
-    with np.errstate(invalid="ignore", over="ignore"):
-        return given.astype(dtype, copy=False)
-
-
 def _require_nothing_lost(field: str, given: NDArray[Any], array: NDArray[Any]) -> None:
-    """Refuses what a change of type would change in silence: 1.5 to 1, NaN to a number, a None."""
+    """Refuse what a cast would change silently: 1.5 to 1, NaN to an integer, None to "None"."""
     if array.dtype.kind in "iu" and given.dtype.kind in "iuf":
         require_all(field, given, given == array, f"a whole number that fits {array.dtype}")
     if array.dtype.kind == "U" and given.dtype.kind == "O":
@@ -83,46 +93,72 @@ def _require_nothing_lost(field: str, given: NDArray[Any], array: NDArray[Any]) 
         require_all(field, given, texts.reshape(given.shape), "text")
 
 
+def set_array(
+    owner: object, field: str, dtype: DTypeLike, shape: tuple[int | None, ...]
+) -> NDArray[Any]:
+    """Replace a field of a frozen dataclass by the array that `as_array` makes of it."""
+    array = as_array(field, getattr(owner, field), dtype, shape)
+    object.__setattr__(owner, field, array)
+    return array
+
+
+def set_columns(owner: object, columns: Mapping[str, Column], may_be_nan: frozenset[str]) -> int:
+    """Check every column of a table, as `set_array` does, and return the number of rows.
+
+    Raises:
+        InputError: a shape is wrong, the lengths differ, or a number is not finite.
+    """
+    rows: int | None = None
+    for name, (dtype, shape) in columns.items():
+        array = set_array(owner, name, dtype, (rows, *shape))
+        rows = len(array)
+        if array.dtype.kind == "f" and name not in may_be_nan:
+            require_finite(name, array)
+    return rows or 0
+
+
+def set_stamp(owner: object) -> None:
+    """Replace the field ``stamp_ns`` of a frozen dataclass by the integer that `as_stamp` makes."""
+    object.__setattr__(owner, "stamp_ns", as_stamp("stamp_ns", owner.stamp_ns))  # type: ignore[attr-defined]
+
+
 def require_instance(field: str, value: object, kind: type[Any]) -> None:
-    """Raises InputError unless ``value`` is a ``kind``."""
+    """Raise InputError unless ``value`` is a ``kind``."""
     if not isinstance(value, kind):
         raise InputError(field, f"of type {type(value).__name__}", f"a {kind.__name__}")
 
 
 def require_finite(field: str, array: NDArray[Any]) -> None:
-    """Raises InputError naming the first entry of ``array`` that is NaN or infinite."""
-    if not np.isfinite(array).all():
-        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f"{field}{list(first)}", array[first], "a finite number")
+    """Raise InputError naming the first entry of ``array`` that is NaN or infinite."""
+    require_all(field, array, np.isfinite(array), "a finite number")
 
 
 def require_all(field: str, array: NDArray[Any], good: Mask, expected: str) -> None:
-    """Raises InputError naming the first entry of ``array`` where ``good`` is false."""
+    """Raise InputError naming the first entry of ``array`` where ``good`` is false."""
     if not good.all():
         first = tuple(int(i) for i in np.argwhere(~good)[0])
-        raise InputError(f"{field}{list(first)}", array[first], expected)
+        found = array[first]
+        raise InputError(
+            f"{field}{list(first)}",
+            found.tolist() if isinstance(found, np.ndarray) else found,
+            expected,
+        )
 
 
 def require_covariance(field: str, covariance: Floats) -> None:
-    """Raises InputError unless every matrix of (..., 2, 2) is symmetric positive semi-definite."""
+    """Raise InputError unless every matrix of (..., 2, 2) is symmetric positive semi-definite."""
     require_finite(field, covariance)
     xx, yy = covariance[..., 0, 0], covariance[..., 1, 1]
     xy, yx = covariance[..., 0, 1], covariance[..., 1, 0]
     scale = np.maximum(xx + yy, 0.0)
-    tolerance = 1e-6 * scale
+    tolerance = COVARIANCE_TOLERANCE * scale
     good = (xx >= 0) & (yy >= 0) & (np.abs(xy - yx) <= tolerance)
     good &= xy * yx <= xx * yy + tolerance * scale
-    if not good.all():
-        first = tuple(int(i) for i in np.argwhere(~good)[0])
-        raise InputError(
-            f"{field}{list(first)}",
-            np.asarray(covariance[first]).tolist(),
-            "a symmetric positive semi-definite matrix",
-        )
+    require_all(field, covariance, good, "a symmetric positive semi-definite matrix")
 
 
 def as_stamp(field: str, value: object) -> int:
-    """Returns an integer stamp in nanoseconds; refuses floats, which lose nanoseconds.
+    """Return an integer stamp in nanoseconds; refuse floats, which lose nanoseconds.
 
     Raises:
         InputError: the value is not an integer, or does not fit in 64 bits.

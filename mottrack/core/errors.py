@@ -1,4 +1,4 @@
-"""Every error that a user can cause: one line that says where, what, and what was expected."""
+"""Errors that a user can cause: one line that says where, what, and what was expected."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ class InputError(MottrackError, ValueError):
     """An array or argument handed over through the Python API is not usable."""
 
     def __init__(self, field: str, value: object, expected: str) -> None:
+        super().__init__(field, value, expected)  # the arguments, so that it can be pickled
         self.field, self.value, self.expected = field, value, expected
-        super().__init__(_sentence(field, value, expected))
 
-    def __reduce__(self) -> tuple[type[InputError], tuple[str, object, str]]:
-        return type(self), (self.field, self.value, self.expected)
+    def __str__(self) -> str:
+        return _sentence(self.field, self.value, self.expected)
 
 
 class DataError(MottrackError):
     """A file of a data set, a submission or a result is not usable."""
 
     def __init__(self, file: str | Path, field: str, value: object, expected: str) -> None:
+        super().__init__(file, field, value, expected)
         self.file, self.field, self.value, self.expected = Path(file), field, value, expected
-        place = shown(file, MAX_PATH_SHOWN)
-        super().__init__(f"{place}: {_sentence(field, value, expected)}")
 
-    def __reduce__(self) -> tuple[type[DataError], tuple[Path, str, object, str]]:
-        return type(self), (self.file, self.field, self.value, self.expected)
+    def __str__(self) -> str:
+        sentence = _sentence(self.field, self.value, self.expected)
+        return f"{shown(self.file, MAX_PATH_SHOWN)}: {sentence}"
 
 
 class ConfigError(MottrackError):
-    """A configuration, an override or a name of a part is not usable."""
+    """A configuration, an override or the name of a part is not usable."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message, MAX_MESSAGE))
@@ -59,14 +59,20 @@ def _sentence(field: str, value: object, expected: str) -> str:
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
-    """Builds the error for a name that is in no table: lists the valid ones and the nearest.
+    """Build the error for a name that is in no table; it lists the valid ones and the nearest.
 
     Args:
         kind: what was asked for, such as ``"flow source"``.
         name: the unknown name.
         valid: all names that would have been accepted.
     """
+    return ConfigError(f"unknown {kind} '{shown(name)}'{did_you_mean(name, valid)}")
+
+
+def did_you_mean(name: str, valid: Iterable[str]) -> str:
+    """Return the end of an error message: the valid name nearest to ``name``, and all of them."""
     names = sorted(valid)
+    # 0.5 instead of difflib's 0.6: short names such as "ipc" for "icp" still find their neighbour
     near = get_close_matches(name[:MAX_SHOWN], names, n=1, cutoff=0.5)
     hint = f" (did you mean '{near[0]}'?)" if near else ""
-    return ConfigError(f"unknown {kind} '{shown(name)}'{hint}; valid: {', '.join(names)}")
+    return f"{hint}; valid: {', '.join(names)}"

@@ -1,11 +1,11 @@
-"""One step of a scene."""
+"""Pose, detections and truth of one time step of a scene."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
 
-from mottrack.core.checks import as_stamp, require_instance
+from mottrack.core.checks import require_instance, set_stamp
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Truth
 from mottrack.core.pose import Pose
@@ -25,7 +25,7 @@ class Frame:
     detections: Objects | None = None
     """World frame; None where no detector ran, empty where it found nothing."""
     truth: Truth | None = None
-    """World frame; None where nobody annotated, empty where nothing was there."""
+    """World frame; None where the frame is not annotated, empty where there was no object."""
     is_key: bool = True
     """Whether trackers step and scores count at this stamp (nuScenes: key frames at 2 Hz)."""
     token: str = ""
@@ -36,7 +36,7 @@ class Frame:
     error."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
+        set_stamp(self)
         require_instance("world_T_ego", self.world_T_ego, Pose)
         right, left = self.labelled_azimuth_rad or (-pi, pi)
         if not -pi <= right < left <= pi:

@@ -1,26 +1,47 @@
-"""What the parts promise each other. A user's own class need only have these methods."""
+"""Protocols that plug-ins implement, base classes with their defaults, and entries of part tables.
+
+A class of a user's own needs no base class. But what a protocol declares as an attribute must be a
+class attribute: `FlowSourceBase` and `ObjectSourceBase` have the usual values.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from mottrack.core.arrays import F64
 from mottrack.core.frame import Frame
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.sweep import Sweep
+from mottrack.core.velocity_errors import FLOW_ERRORS, VelocityErrorModel
+
+
+class TableEntry(NamedTuple):
+    """A data set, object source, flow source or tracker that a configuration can name."""
+
+    target: str
+    """``module:Class``; imported only when it is used."""
+    summary: str
+    """One line for `mottrack list` and the reference."""
 
 
 @runtime_checkable
 class FlowSource(Protocol):
     """Measures the velocity of every cell from two sweeps.
 
-    An attribute ``faults`` (a `VelocityErrorModel`) may say how it errs beside its covariance.
+    It is constructed with the keyword ``grid``, the `BevGrid` of the fields that it returns.
     """
 
+    needs_sweeps: bool
+    """Whether it reads points; where no part does, sweeps are not loaded."""
+    stateful: bool
+    """Whether it must receive every sweep (a filter such as DOGMa), not only key frames'."""
+    error_model: VelocityErrorModel
+    """Its errors beside the covariance that it states."""
+
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """The field at ``current``; each sweep is in its own ego frame.
+        """Estimate the field at ``current``; each sweep is in its own ego frame.
 
         Raises:
             InputError: ``current`` is not later than ``previous``.
@@ -28,25 +49,42 @@ class FlowSource(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forgets everything: a new scene begins."""
+        """Start a new scene: forget all state."""
         ...
+
+
+class FlowSourceBase:
+    """Defaults of `FlowSource`, to inherit: two-frame flow that errs as learned flow does."""
+
+    needs_sweeps: bool = True
+    stateful: bool = False
+    error_model: VelocityErrorModel = FLOW_ERRORS
+
+    def reset(self) -> None:
+        """Start a new scene; there is no state to forget."""
 
 
 @runtime_checkable
 class FrameObserver(Protocol):
-    """A flow source that also looks at detections or truth (ICP + Det., ground truth)."""
+    """A flow source that also reads detections or truth (ICP + Det., ground truth)."""
 
     def observe(self, frame: Frame) -> None:
-        """Is called with every frame, in order, before ``estimate`` of its sweep."""
+        """Receive every frame, in order, before ``estimate`` of its sweep."""
         ...
 
 
 @runtime_checkable
 class ObjectSource(Protocol):
-    """Says which objects there are: the data set's detections, or clusters of points."""
+    """Provides the objects of a frame: the data set's detections, or clusters of points."""
+
+    needs_sweeps: bool
+    """Whether it reads points; where no part does, sweeps are not loaded."""
+    needs_detections: bool
+    """Whether it can't work without a detector's boxes; where they are missing, the error then
+    names the file in which they were looked for."""
 
     def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
-        """Objects in the world frame, without velocities.
+        """Return objects in the world frame; with velocities only if the source measures them.
 
         Raises:
             InputError: the source needs a sweep and there is none, or detections and has none.
@@ -54,26 +92,26 @@ class ObjectSource(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forgets everything: a new scene begins."""
+        """Start a new scene: forget all state."""
         ...
+
+
+class ObjectSourceBase:
+    """Defaults of `ObjectSource`, to inherit: points are read, detections are not required."""
+
+    needs_sweeps: bool = True
+    needs_detections: bool = False
+
+    def reset(self) -> None:
+        """Start a new scene; there is no state to forget."""
 
 
 @runtime_checkable
 class GroundMap(Protocol):
-    """A scene whose map knows how high the ground is (Argoverse 2)."""
+    """A scene whose map holds the height of the ground (Argoverse 2)."""
 
     def ground_height(self, xy_m: F64) -> F64:
-        """(N,) world height of the ground at (N, 2) world positions; NaN where unknown."""
-        ...
-
-
-@runtime_checkable
-class DetectedScene(Protocol):
-    """A scene that says where a detector's boxes for it are, or were looked for."""
-
-    @property
-    def detections_at(self) -> Path:
-        """File, pattern of files or, where none was named, the data set's folder."""
+        """Return (N,) world height of the ground at (N, 2) world positions; NaN where unknown."""
         ...
 
 
@@ -82,7 +120,17 @@ class GroundUser(Protocol):
     """An object source that prefers a map's ground to its own estimate."""
 
     def use_ground(self, ground: GroundMap) -> None:
-        """Is called once, before the first frame of a scene that has a map."""
+        """Receive the map once, before the first frame of a scene that has one."""
+        ...
+
+
+@runtime_checkable
+class DetectedScene(Protocol):
+    """A scene that knows where a detector's boxes for it are stored."""
+
+    @property
+    def detections_at(self) -> Path:
+        """File, pattern of files or, where none was configured, the data set's folder."""
         ...
 
 
@@ -91,7 +139,7 @@ class Tracker(Protocol):
     """Turns objects into tracks. A new one is made for each scene."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
-        """Advances to ``stamp_ns`` with these objects (world frame).
+        """Advance to ``stamp_ns`` with these objects (world frame).
 
         Raises:
             InputError: the stamp is not later than the last one, or an object is not usable;
@@ -102,16 +150,16 @@ class Tracker(Protocol):
 
 @runtime_checkable
 class OfflineTracker(Tracker, Protocol):
-    """A tracker that may look at a scene again when it is over."""
+    """A tracker that can smooth a scene when it is over."""
 
     def finish(self, steps: list[Tracks]) -> list[Tracks]:
-        """The scene's tracks given all of it; ``steps`` are what ``step`` returned, in order."""
+        """Return the tracks given the whole scene; ``steps`` are the results of ``step``."""
         ...
 
 
 @runtime_checkable
 class Scene(Protocol):
-    """A recorded drive: frames in order of time, with a sweep each where recorded."""
+    """A recorded drive: frames in order of time, each with a sweep where sweeps were recorded."""
 
     @property
     def name(self) -> str:
@@ -131,11 +179,11 @@ class Scene(Protocol):
     def __len__(self) -> int: ...
 
     def frame(self, index: int) -> Frame:
-        """The frame at ``index``."""
+        """Return the frame at ``index``."""
         ...
 
     def sweep(self, index: int) -> Sweep:
-        """The sweep at ``index``; its stamp and pose equal the frame's.
+        """Return the sweep at ``index``; its stamp and pose equal the frame's.
 
         Raises:
             DataError: the file is missing or damaged.
@@ -158,7 +206,7 @@ class Dataset(Protocol):
         ...
 
     def scene(self, name: str) -> Scene:
-        """Opens one scene.
+        """Open one scene.
 
         Raises:
             ConfigError: no scene has that name.

@@ -1,4 +1,4 @@
-"""Measured motion: of every cell of the grid, and of every object."""
+"""Measured velocities: of every cell of the grid, and of every object."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from mottrack.core.arrays import F32, F64, Mask
 from mottrack.core.checks import (
     as_array,
-    as_stamp,
     require_all,
     require_covariance,
     require_finite,
+    set_array,
+    set_stamp,
 )
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
@@ -23,10 +24,14 @@ from mottrack.core.pose import rotation_2d
 from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 
 UNSEEN_M2PS2 = 1e6
-"""Variance of a velocity across the axis it was measured along: (1 km/s)^2 says nothing."""
-
+"""Variance across the measured axis: (1 km/s)^2 carries no information."""
 WEIGHT_ROUNDING = 1e-4
-"""What sums in float32 may carry a probability beyond [0, 1]."""
+"""Sums in float32 may exceed [0, 1] by this much."""
+UNIT_ROUNDING = 1e-6
+"""Error of the length of a unit vector that was computed in float32."""
+PINV_CUTOFF = 1e-14
+"""Eigenvalues of A + B below this share of the largest are zero: above the rounding of float64
+(2e-16), below 1e-12, the share of a radial variance of 1e-6 (m/s)^2 beside `UNSEEN_M2PS2`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +39,7 @@ class FlowField:
     """Velocity of every cell over the ground, in the axes of the CURRENT ego frame.
 
     Ego motion is removed: a wall has velocity zero. It is a velocity, never a displacement per
-    frame: the elapsed time is divided out once, inside the source.
+    frame: the source divides by the elapsed time.
 
     Raises:
         InputError: a shape is not the grid's, a number is not finite, a weight outside [0, 1].
@@ -63,23 +68,22 @@ class FlowField:
             ("valid", np.bool_, shape),
             ("weight", np.float32, shape),
         ):
-            array = as_array(name, getattr(self, name), dtype, full)
+            array = set_array(self, name, dtype, full)
             if dtype is np.float32:
                 require_finite(name, array)
-            object.__setattr__(self, name, array)
         if not (self.weight.min() >= -WEIGHT_ROUNDING and self.weight.max() <= 1 + WEIGHT_ROUNDING):
             span = [float(self.weight.min()), float(self.weight.max())]
             raise InputError("range of weight", span, "within [0, 1]")
-        object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
+        set_stamp(self)
 
     @classmethod
     def empty(cls, grid: BevGrid, stamp_ns: int) -> FlowField:
-        """A field in which nothing is occupied and nothing was measured."""
+        """Return a field in which nothing is occupied and nothing was measured."""
         return cls.unmeasured(grid, np.zeros(grid.shape, dtype=np.bool_), stamp_ns)
 
     @classmethod
     def unmeasured(cls, grid: BevGrid, occupied: Mask, stamp_ns: int) -> FlowField:
-        """A field with (H, W) ``occupied`` cells of which no velocity was measured."""
+        """Return a field with (H, W) ``occupied`` cells of which no velocity was measured."""
         shape = grid.shape
         return cls(
             grid=grid,
@@ -94,7 +98,7 @@ class FlowField:
 
 @dataclass(frozen=True, slots=True)
 class VelocityMeasurement:
-    """A measured velocity for each of N objects, or none: by mask, never by zero.
+    """A measured velocity for each of N objects; what was not measured is masked, never zero.
 
     Raises:
         InputError: a shape is wrong; a valid row is not finite or its covariance not positive
@@ -108,10 +112,10 @@ class VelocityMeasurement:
     valid: Mask
     """(N,) whether the object has a measured velocity."""
     error_model: VelocityErrorModel = NO_OUTLIERS
-    """How the source errs beside the covariance."""
+    """Errors of the source that the covariance does not describe."""
 
     def __post_init__(self) -> None:
-        valid = as_array("valid", self.valid, np.bool_, (None,))
+        valid = set_array(self, "valid", np.bool_, (None,))
         n = len(valid)
         mean = as_array("mean_mps", self.mean_mps, np.float64, (n, 2))
         covariance = as_array("covariance_m2ps2", self.covariance_m2ps2, np.float64, (n, 2, 2))
@@ -121,24 +125,18 @@ class VelocityMeasurement:
         require_covariance("covariance_m2ps2", covariance)
         object.__setattr__(self, "mean_mps", mean)
         object.__setattr__(self, "covariance_m2ps2", covariance)
-        object.__setattr__(self, "valid", valid)
 
     def __len__(self) -> int:
         return len(self.valid)
 
     @classmethod
     def absent(cls, n: int) -> VelocityMeasurement:
-        """No velocity for any of ``n`` objects."""
+        """Return no velocity for any of ``n`` objects."""
         return cls(np.zeros((n, 2)), np.zeros((n, 2, 2)), np.zeros(n, dtype=np.bool_))
 
     @classmethod
-    def along(
-        cls,
-        direction: F64,
-        speed_mps: F64,
-        variance_m2ps2: F64,
-    ) -> VelocityMeasurement:
-        """Speeds measured along one axis each, as by radar Doppler: nothing is known across it.
+    def along(cls, direction: F64, speed_mps: F64, variance_m2ps2: F64) -> VelocityMeasurement:
+        """Make velocities from speeds along one axis each, as by radar Doppler.
 
         Args:
             direction: (N, 2) unit vectors of the beams, in the axes of the objects' frame.
@@ -150,7 +148,7 @@ class VelocityMeasurement:
         """
         beam = as_array("direction", direction, np.float64, (None, 2))
         norm = np.linalg.norm(beam, axis=1)
-        require_all("length of direction", norm, np.abs(norm - 1.0) < 1e-6, "1")
+        require_all("length of direction", norm, np.abs(norm - 1.0) < UNIT_ROUNDING, "1")
         speed = as_array("speed_mps", speed_mps, np.float64, (len(beam),))
         variance = as_array("variance_m2ps2", variance_m2ps2, np.float64, (len(beam),))
         require_all("variance_m2ps2", variance, variance >= 0, "a variance of at least 0")
@@ -160,17 +158,17 @@ class VelocityMeasurement:
         return cls(speed[:, None] * beam, covariance, np.ones(len(beam), dtype=np.bool_))
 
     def select(self, index: NDArray[Any]) -> VelocityMeasurement:
-        """The rows that a boolean mask or an integer index picks."""
+        """Return the rows that a boolean mask or an integer index picks."""
         return VelocityMeasurement(
             self.mean_mps[index], self.covariance_m2ps2[index], self.valid[index], self.error_model
         )
 
     def with_error_model(self, error_model: VelocityErrorModel) -> VelocityMeasurement:
-        """The same velocities from a source that errs as ``faults`` says."""
+        """Return the same velocities with another error model of the source."""
         return replace(self, error_model=error_model)
 
     def rotated(self, yaw_rad: float) -> VelocityMeasurement:
-        """The same velocities in axes turned by ``-yaw_rad``: v' = R v, C' = R C R^T."""
+        """Return the same velocities in axes rotated by ``-yaw_rad``: v' = R v, C' = R C R^T."""
         r = rotation_2d(yaw_rad)
         return VelocityMeasurement(
             self.mean_mps @ r.T, r @ self.covariance_m2ps2 @ r.T, self.valid, self.error_model
@@ -178,10 +176,11 @@ class VelocityMeasurement:
 
 
 def fuse_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurement:
-    """One measurement of the same objects from several independent ones, each where it is valid.
+    """Fuse independent measurements of the same objects, each where it is valid.
 
-    C = A (A + B)^-1 B and v = B (A + B)^-1 a + A (A + B)^-1 b, which holds for exact and for
-    one-axis measurements as well.
+    C = A (A + B)^-1 B and v = B (A + B)^-1 a + A (A + B)^-1 b: unlike the information form it also
+    holds for exact (A = 0) and for one-axis measurements. The fused error model takes the smaller
+    of each number: independent sources confirm each other.
 
     Raises:
         InputError: ``parts`` is empty, or the parts are of different lengths.
@@ -198,7 +197,9 @@ def fuse_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurement:
 
 def _fuse_two(a: VelocityMeasurement, b: VelocityMeasurement) -> VelocityMeasurement:
     both = a.valid & b.valid
-    inverse = np.linalg.pinv(a.covariance_m2ps2 + b.covariance_m2ps2, rcond=1e-14, hermitian=True)
+    inverse = np.linalg.pinv(
+        a.covariance_m2ps2 + b.covariance_m2ps2, rcond=PINV_CUTOFF, hermitian=True
+    )
     weight_a, weight_b = b.covariance_m2ps2 @ inverse, a.covariance_m2ps2 @ inverse
     mean = (weight_a @ a.mean_mps[:, :, None] + weight_b @ b.mean_mps[:, :, None])[:, :, 0]
     covariance = weight_b @ b.covariance_m2ps2
@@ -208,12 +209,14 @@ def _fuse_two(a: VelocityMeasurement, b: VelocityMeasurement) -> VelocityMeasure
         np.where(both[:, None], mean, single_mean),
         np.where(both[:, None, None], 0.5 * (covariance + covariance.swapaxes(1, 2)), single),
         a.valid | b.valid,
-        _each(min, [a, b]),
+        _error_model(min, [a, b]),
     )
 
 
 def concatenate_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurement:
-    """Stacks measurements of several groups of objects in order.
+    """Stack measurements of several groups of objects in order.
+
+    The error model takes the larger of each number: it is one statement for all rows.
 
     Raises:
         InputError: ``parts`` is empty.
@@ -224,17 +227,16 @@ def concatenate_velocities(parts: list[VelocityMeasurement]) -> VelocityMeasurem
         np.concatenate([p.mean_mps for p in parts]),
         np.concatenate([p.covariance_m2ps2 for p in parts]),
         np.concatenate([p.valid for p in parts]),
-        _each(max, parts),
+        _error_model(max, parts),
     )
 
 
-def _each(
+def _error_model(
     choose: Callable[[Iterable[float]], float], parts: list[VelocityMeasurement]
 ) -> VelocityErrorModel:
-    """Faults of several sources: `min` where they confirm each other, `max` where any may err."""
-    error_model = [part.error_model for part in parts]
+    models = [part.error_model for part in parts]
     return VelocityErrorModel(
-        choose(f.relative for f in error_model),
-        choose(f.p_missed_motion for f in error_model),
-        choose(f.p_outlier for f in error_model),
+        choose(model.relative for model in models),
+        choose(model.p_missed_motion for model in models),
+        choose(model.p_outlier for model in models),
     )

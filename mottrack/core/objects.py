@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.checks import (
+    Column,
+    Columns,
     as_array,
-    as_stamp,
     require_all,
     require_covariance,
     require_finite,
     require_instance,
+    set_array,
+    set_columns,
+    set_stamp,
 )
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
@@ -34,11 +38,13 @@ class Boxes:
         InputError: a shape is wrong, a number is not finite, or a size is not positive.
     """
 
-    ROWS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {
-        "centre_m": (np.float64, (3,)),
-        "size_m": (np.float64, (3,)),
-        "yaw_rad": (np.float64, ()),
+    COLUMNS: ClassVar[Columns] = {
+        "centre_m": Column(np.float64, (3,)),
+        "size_m": Column(np.float64, (3,)),
+        "yaw_rad": Column(np.float64),
+        "label": Column(np.str_),
     }
+    """Arrays that every box of the class has; a subclass lists its own beside these."""
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset()
 
     stamp_ns: int
@@ -54,30 +60,26 @@ class Boxes:
     """(N,) class name."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stamp_ns", as_stamp("stamp_ns", self.stamp_ns))
+        set_stamp(self)
         if self.frame not in FRAMES:
             raise InputError("frame", repr(self.frame), f"one of {', '.join(FRAMES)}")
-        n = len(as_array("centre_m", self.centre_m, np.float64, (None, 3)))
-        for name, (dtype, tail) in self._all_rows().items():
-            array = as_array(name, getattr(self, name), dtype, (n, *tail))
-            if dtype is np.float64 and name not in self.MAY_BE_NAN:
-                require_finite(name, array)
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "label", as_array("label", self.label, np.str_, (n,)))
+        set_columns(self, self.COLUMNS, self.MAY_BE_NAN)
         require_all("size_m", self.size_m, self.size_m > 0, "a positive number of metres")
 
     @classmethod
-    def _all_rows(cls) -> dict[str, tuple[Any, tuple[int, ...]]]:
-        rows: dict[str, tuple[Any, tuple[int, ...]]] = {}
-        for base in reversed(cls.__mro__):
-            rows |= base.__dict__.get("ROWS", {})
-        return rows
+    def empty(cls, stamp_ns: int, frame: str = "world") -> Self:
+        """Return no box."""
+        return cls(stamp_ns=stamp_ns, frame=frame, **cls._no_rows())
+
+    @classmethod
+    def _no_rows(cls) -> dict[str, Any]:
+        return {name: np.zeros((0, *c.shape), c.dtype) for name, c in cls.COLUMNS.items()}
 
     def __len__(self) -> int:
         return len(self.centre_m)
 
     def select(self, index: NDArray[Any]) -> Self:
-        """The rows that a boolean mask or an integer index picks, in that order."""
+        """Return the rows that a boolean mask or an integer index picks, in that order."""
         picked = np.arange(len(self))[index]
         changes: dict[str, Any] = {}
         for item in fields(self):
@@ -91,7 +93,7 @@ class Boxes:
         return replace(self, **changes)
 
     def transformed(self, b_T_a: Pose, frame: str) -> Self:
-        """The same boxes in another frame; headings and velocities turn by the pose's yaw.
+        """Return the same boxes in another frame; yaw and velocities rotate by the pose's yaw.
 
         Args:
             b_T_a: pose that takes this frame's points to the new frame's.
@@ -108,14 +110,14 @@ class Boxes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Objects(Boxes):
-    """What a detector or a clustering reports at one stamp, with measured velocity or without."""
+    """Boxes of a detector or a clustering at one stamp, with measured velocities or without."""
 
-    ROWS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {"score": (np.float64, ())}
+    COLUMNS: ClassVar[Columns] = {**Boxes.COLUMNS, "score": Column(np.float64)}
 
     score: F64
-    """(N,) confidence; higher is surer."""
+    """(N,) confidence; higher is more certain."""
     velocity: VelocityMeasurement | None = None
-    """Measured velocities in the axes of ``frame``; None where no source was asked."""
+    """Measured velocities in the axes of ``frame``; None where no source measures any."""
     hull: Hulls | None = None
     """For clusters: per object (K, 2) corners of the convex hull, counter-clockwise."""
     position_covariance_m2: F64 | None = None
@@ -126,28 +128,20 @@ class Objects(Boxes):
     def __post_init__(self) -> None:
         # zero-argument super() does not work in a dataclass with slots
         Boxes.__post_init__(self)
+        n = len(self)
         if self.position_covariance_m2 is not None:
-            spread = as_array(
-                "position_covariance_m2", self.position_covariance_m2, np.float64, (len(self), 2, 2)
-            )
-            require_covariance("position_covariance_m2", spread)
-            object.__setattr__(self, "position_covariance_m2", spread)
+            covariance = set_array(self, "position_covariance_m2", np.float64, (n, 2, 2))
+            require_covariance("position_covariance_m2", covariance)
         if self.num_points is not None:
-            counted = as_array("num_points", self.num_points, np.int64, (len(self),))
-            object.__setattr__(self, "num_points", counted)
+            set_array(self, "num_points", np.int64, (n,))
         if self.velocity is not None:
             require_instance("velocity", self.velocity, VelocityMeasurement)
-            if len(self.velocity) != len(self):
-                raise InputError("length of velocity", len(self.velocity), str(len(self)))
-        object.__setattr__(self, "hull", _checked_hull(self.hull, len(self)))
-
-    @classmethod
-    def empty(cls, stamp_ns: int, frame: str = "world") -> Objects:
-        """Nothing detected."""
-        return cls(stamp_ns=stamp_ns, frame=frame, score=np.zeros(0), **_no_boxes())
+            if len(self.velocity) != n:
+                raise InputError("length of velocity", len(self.velocity), str(n))
+        object.__setattr__(self, "hull", _checked_hull(self.hull, n))
 
     def with_velocity(self, velocity: VelocityMeasurement | None) -> Objects:
-        """The same objects with these measured velocities."""
+        """Return the same objects with these measured velocities."""
         return replace(self, velocity=velocity)
 
     def _moved(self, b_T_a: Pose) -> dict[str, Any]:
@@ -162,14 +156,15 @@ class Objects(Boxes):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracks(Boxes):
-    """What a tracker believes at one stamp."""
+    """Estimates of a tracker at one stamp."""
 
-    ROWS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {
-        "id": (np.int64, ()),
-        "score": (np.float64, ()),
-        "velocity_mps": (np.float64, (2,)),
-        "velocity_covariance_m2ps2": (np.float64, (2, 2)),
-        "observed": (np.bool_, ()),
+    COLUMNS: ClassVar[Columns] = {
+        **Boxes.COLUMNS,
+        "id": Column(np.int64),
+        "score": Column(np.float64),
+        "velocity_mps": Column(np.float64, (2,)),
+        "velocity_covariance_m2ps2": Column(np.float64, (2, 2)),
+        "observed": Column(np.bool_),
     }
 
     id: I64
@@ -185,40 +180,30 @@ class Tracks(Boxes):
     covariance: F64
     """(N, D, D) covariance of the tracker's own state."""
     observed: Mask
-    """(N,) whether the track was seen at this stamp; false while it coasts."""
+    """(N,) whether an object was associated at this stamp; false while the track coasts."""
     hull: Hulls | None = None
     """For clusters: per track (K, 2) corners of the convex hull."""
 
     def __post_init__(self) -> None:
         Boxes.__post_init__(self)
         n = len(self)
-        state = as_array("state", self.state, np.float64, (n, None))
+        state = set_array(self, "state", np.float64, (n, None))
         d = state.shape[1]
-        covariance = as_array("covariance", self.covariance, np.float64, (n, d, d))
         require_finite("state", state)
-        require_finite("covariance", covariance)
+        require_finite("covariance", set_array(self, "covariance", np.float64, (n, d, d)))
         identities, counts = np.unique(self.id, return_counts=True)
         if len(identities) != n:
             twice = int(identities[np.argmax(counts)])
             raise InputError("id", f"{twice} for {counts.max()} tracks", "no identity twice")
-        object.__setattr__(self, "state", state)
-        object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "hull", _checked_hull(self.hull, n))
 
     @classmethod
-    def empty(cls, stamp_ns: int, frame: str = "world", dimensions: int = 0) -> Tracks:
-        """No track, of a tracker with a state of that many dimensions."""
+    def empty(cls, stamp_ns: int, frame: str = "world", dimensions: int = 0) -> Self:
+        """Return no track, of a tracker with a state of that many dimensions."""
+        state = np.zeros((0, dimensions))
+        covariance = np.zeros((0, dimensions, dimensions))
         return cls(
-            stamp_ns=stamp_ns,
-            frame=frame,
-            id=np.zeros(0, dtype=np.int64),
-            score=np.zeros(0),
-            velocity_mps=np.zeros((0, 2)),
-            velocity_covariance_m2ps2=np.zeros((0, 2, 2)),
-            state=np.zeros((0, dimensions)),
-            covariance=np.zeros((0, dimensions, dimensions)),
-            observed=np.zeros(0, dtype=np.bool_),
-            **_no_boxes(),
+            stamp_ns=stamp_ns, frame=frame, state=state, covariance=covariance, **cls._no_rows()
         )
 
     def _moved(self, b_T_a: Pose) -> dict[str, Any]:
@@ -231,51 +216,30 @@ class Tracks(Boxes):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth(Boxes):
-    """What annotators (or the embedded world) say was there at one stamp."""
+    """Annotated (or simulated) boxes at one stamp."""
 
-    ROWS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {
-        "id": (np.int64, ()),
-        "velocity_mps": (np.float64, (2,)),
-        "num_points": (np.int64, ()),
-        "interpolated": (np.bool_, ()),
+    COLUMNS: ClassVar[Columns] = {
+        **Boxes.COLUMNS,
+        "id": Column(np.int64),
+        "velocity_mps": Column(np.float64, (2,)),
+        "num_points": Column(np.int64),
+        "interpolated": Column(np.bool_),
     }
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
     id: I64
     """(N,) identity, unique within the scene."""
     velocity_mps: F64
-    """(N, 2) velocity over the ground in the axes of ``frame``; NaN where the labels do not tell
-    (a track of one box, a gap that is too long)."""
+    """(N, 2) velocity over the ground in the axes of ``frame``; NaN where the labels do not give
+    it (a track of one box, a gap that is too long)."""
     num_points: I64
     """(N,) LiDAR returns on the object; -1 where not counted."""
     interpolated: Mask
     """(N,) whether the box was interpolated between two annotated stamps."""
 
-    @classmethod
-    def empty(cls, stamp_ns: int, frame: str = "world") -> Truth:
-        """Nothing annotated."""
-        return cls(
-            stamp_ns=stamp_ns,
-            frame=frame,
-            id=np.zeros(0, dtype=np.int64),
-            velocity_mps=np.zeros((0, 2)),
-            num_points=np.zeros(0, dtype=np.int64),
-            interpolated=np.zeros(0, dtype=np.bool_),
-            **_no_boxes(),
-        )
-
     def _moved(self, b_T_a: Pose) -> dict[str, Any]:
         velocity_mps = self.velocity_mps @ rotation_2d(b_T_a.yaw_rad).T
         return Boxes._moved(self, b_T_a) | {"velocity_mps": velocity_mps}
-
-
-def _no_boxes() -> dict[str, Any]:
-    return {
-        "centre_m": np.zeros((0, 3)),
-        "size_m": np.zeros((0, 3)),
-        "yaw_rad": np.zeros(0),
-        "label": np.zeros(0, dtype=np.str_),
-    }
 
 
 def _checked_hull(hull: Hulls | None, n: int) -> Hulls | None:
@@ -296,14 +260,14 @@ def _checked_hull(hull: Hulls | None, n: int) -> Hulls | None:
 
 
 def _is_checked(hull: F64) -> bool:
-    """Whether `as_array` would return the same; hundreds of hulls pass through every frame."""
+    """Return whether `as_array` would change nothing; every frame carries hundreds of hulls."""
     if not isinstance(hull, np.ndarray) or hull.flags.writeable or hull.dtype != np.float64:
         return False
     return hull.ndim == 2 and hull.shape[1] == 2
 
 
 def _moved_hull(hull: Hulls | None, centre_m: F64, b_T_a: Pose) -> Hulls | None:
-    """Moves hulls with the pose; each hull lies at its box's height."""
+    """Transform hulls by the pose; each hull lies at its box's height."""
     if hull is None:
         return None
     heights = centre_m[:, 2]

@@ -1,4 +1,4 @@
-"""Rigid transforms, named ``to_T_from``."""
+"""Rigid transforms, named ``to_T_from``, and rotations about the vertical axis."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mottrack.core.arrays import F64, Floats
-from mottrack.core.checks import as_array, require_finite
+from mottrack.core.checks import as_array, require_finite, set_array
 from mottrack.core.errors import InputError
 
 ORTHONORMAL_TOLERANCE = 1e-6
+"""Largest entry of R R^T - I: above the rounding of poses stored in float32 (1e-7), far below that
+of a matrix with scale or shear. Also for the last row of a homogeneous matrix."""
+UNIT_TOLERANCE = 1e-3
+"""Error of a quaternion's norm; it is normalised then. Text files round to four digits and more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,24 +32,22 @@ class Pose:
     """(3,) translation in metres, in the axes of the target frame."""
 
     def __post_init__(self) -> None:
-        rotation = as_array("rotation", self.rotation, np.float64, (3, 3))
-        translation_m = as_array("translation_m", self.translation_m, np.float64, (3,))
+        rotation = set_array(self, "rotation", np.float64, (3, 3))
+        translation_m = set_array(self, "translation_m", np.float64, (3,))
         require_finite("rotation", rotation)
         require_finite("translation_m", translation_m)
         error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if error > ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
             raise InputError("rotation", rotation.tolist(), "an orthonormal right-handed matrix")
-        object.__setattr__(self, "rotation", rotation)
-        object.__setattr__(self, "translation_m", translation_m)
 
     @classmethod
     def identity(cls) -> Pose:
-        """The transform that changes nothing."""
+        """Return the identity transform."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Pose:
-        """From a (4, 4) or (3, 4) homogeneous matrix, which is copied.
+        """Make a pose from a (4, 4) or (3, 4) homogeneous matrix, which is copied.
 
         Raises:
             InputError: the shape is another, or the last row is not 0, 0, 0, 1 (transposed?).
@@ -59,15 +61,15 @@ class Pose:
 
     @classmethod
     def from_quaternion_wxyz(cls, quaternion: ArrayLike, translation_m: ArrayLike) -> Pose:
-        """From a unit quaternion (w, x, y, z) and a translation in metres.
+        """Make a pose from a unit quaternion (w, x, y, z) and a translation in metres.
 
         Raises:
-            InputError: the quaternion's norm is further than 1e-3 from one.
+            InputError: the quaternion's norm is further than `UNIT_TOLERANCE` from one.
         """
         q = as_array("quaternion", quaternion, np.float64, (4,))
         require_finite("quaternion", q)
         norm = float(np.linalg.norm(q))
-        if abs(norm - 1.0) > 1e-3:
+        if abs(norm - 1.0) > UNIT_TOLERANCE:
             raise InputError("norm of quaternion", norm, "1")
         w, x, y, z = q / norm
         rotation = np.array(
@@ -81,7 +83,7 @@ class Pose:
 
     @classmethod
     def from_yaw(cls, yaw_rad: float, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
-        """A turn about +z by ``yaw_rad``, then a translation in metres."""
+        """Make a pose from a rotation about +z by ``yaw_rad`` and a translation in metres."""
         return cls(rotation_z(yaw_rad), as_array("translation_m", translation_m, np.float64, (3,)))
 
     @property
@@ -93,7 +95,7 @@ class Pose:
 
     @property
     def yaw_rad(self) -> float:
-        """Angle of the turn about +z that is nearest to the rotation.
+        """Angle of the rotation about +z that is nearest to the pose's rotation.
 
         The inverse pose has exactly the negative angle, so headings survive a round trip even
         where the pose pitches and rolls.
@@ -102,38 +104,37 @@ class Pose:
         return float(np.arctan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1]))
 
     def inverse(self) -> Pose:
-        """``from_T_to``."""
+        """Return ``from_T_to``."""
         return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def __matmul__(self, other: Pose) -> Pose:
-        """``a_T_b @ b_T_c`` is ``a_T_c``."""
+        """Return ``a_T_c``, which is ``a_T_b @ b_T_c``."""
         return Pose(
             _nearest_rotation(self.rotation @ other.rotation),
             self.rotation @ other.translation_m + self.translation_m,
         )
 
     def apply(self, points_m: Floats) -> F64:
-        """Moves (N, 3) points in metres from the source frame to the target frame."""
+        """Transform (N, 3) points in metres from the source frame to the target frame."""
         return np.asarray(points_m, dtype=np.float64) @ self.rotation.T + self.translation_m
 
 
 def rotation_z(yaw_rad: float) -> F64:
-    """(3, 3) rotation about +z."""
+    """Return the (3, 3) rotation about +z."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def rotation_2d(yaw_rad: float) -> F64:
-    """(2, 2) rotation of the plane."""
+    """Return the (2, 2) rotation of the ground plane."""
     return rotation_z(yaw_rad)[:2, :2]
 
 
 def wrap_angle(angle_rad: F64) -> F64:
-    """Angles in [-pi, pi)."""
+    """Return angles wrapped to [-pi, pi)."""
     return (angle_rad + np.pi) % (2 * np.pi) - np.pi
 
 
 def _nearest_rotation(rotation: F64) -> F64:
-    """Takes out the rounding that long chains of products collect (one Newton step)."""
-    step: F64 = 0.5 * rotation @ (3.0 * np.eye(3) - rotation.T @ rotation)
-    return step
+    """Remove the rounding that long chains of products accumulate (one Newton step)."""
+    return np.asarray(0.5 * rotation @ (3.0 * np.eye(3) - rotation.T @ rotation))

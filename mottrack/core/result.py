@@ -1,4 +1,4 @@
-"""The result of a scene: the only thing that running hands to evaluating."""
+"""The stored result of a scene, from which every evaluation starts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64
-from mottrack.core.checks import as_array, require_all, require_finite
+from mottrack.core.checks import require_all, require_finite, set_array
 from mottrack.core.errors import InputError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
@@ -25,13 +25,13 @@ TABLES: dict[str, type[Table]] = {
 
 @dataclass(frozen=True, slots=True)
 class SceneResult:
-    """Truth and estimate of one scene as flat arrays, world frame.
+    """Truth and estimates of one scene as flat arrays, world frame.
 
-    Stage timings are kept beside, not inside, the stored file: two runs of the same scene with
-    the same configuration store the same bytes.
+    Stage timings are not in the stored file: two runs of the same scene with the same
+    configuration store the same bytes.
 
     Raises:
-        InputError: a row names a frame that is not there, or the hulls do not add up.
+        InputError: a row names a frame that does not exist, or the hull corners do not add up.
     """
 
     name: str
@@ -48,9 +48,8 @@ class SceneResult:
     """Labels that scores count; empty: every label that occurs."""
 
     def __post_init__(self) -> None:
-        hull = as_array("hull_xy_m", self.hull_xy_m, np.float64, (None, 2))
+        hull = set_array(self, "hull_xy_m", np.float64, (None, 2))
         require_finite("hull_xy_m", hull)
-        object.__setattr__(self, "hull_xy_m", hull)
         corners = int(self.tracks.hull_corners.sum())
         if corners != len(hull):
             raise InputError("length of hull_xy_m", len(hull), str(corners))
@@ -60,15 +59,15 @@ class SceneResult:
 
     @property
     def hulls(self) -> list[F64]:
-        """Per track row its (K, 2) hull corners; K is 0 where the box is meant."""
+        """Per track row its (K, 2) hull corners; K is 0 where the track has only a box."""
         ends = np.cumsum(self.tracks.hull_corners)
         return np.split(self.hull_xy_m, ends[:-1]) if len(ends) else []
 
     def where_labelled(self) -> SceneResult:
-        """The result without the boxes that lie where nobody labelled anything.
+        """Return the result without boxes outside the labelled area or frames.
 
-        KITTI labels what its camera sees, and of an own log nobody may have labelled any frame:
-        elsewhere a track is no error.
+        KITTI labels what its camera sees, and an own log may have frames without labels: a track
+        there is no error.
         """
         truth = self.frames.labelled(self.truth.frame, self.truth.centre_m)
         tracks = self.frames.labelled(self.tracks.frame, self.tracks.centre_m)
@@ -83,7 +82,7 @@ class SceneResult:
         )
 
     def save(self, path: Path | str) -> None:
-        """Writes everything but the timings; the file is replaced at once or not at all."""
+        """Write everything but the timings, atomically."""
         arrays: dict[str, NDArray[np.generic]] = {
             "format": np.array(FORMAT),
             "name": np.array(self.name),
@@ -97,7 +96,7 @@ class SceneResult:
 
     @classmethod
     def load(cls, path: Path | str) -> SceneResult:
-        """Reads what ``save`` wrote.
+        """Read what ``save`` wrote.
 
         Raises:
             ResultError: the file is missing, damaged, or of another version.

@@ -1,7 +1,7 @@
 """Points, flow and objects of the key frames of a scene, kept for pictures and viewers.
 
-A file of snapshots is an ``npz`` with a checksum (``core.storage``). Its arrays hold the key frames
-one after the other; nobody but ``save_snapshots`` and ``load_snapshots`` need know them:
+A file of snapshots is an ``npz`` with a checksum (``core.storage``), whose arrays hold the key
+frames one after the other:
 
     format     version of this layout
     frame      (T,) row of the scene's FrameTable
@@ -26,29 +26,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F32, F64, I16, I64, Floats, Mask, Texts
+from mottrack.core.checks import Column, Columns
 from mottrack.core.errors import ResultError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects
 from mottrack.core.storage import read_arrays, write_arrays
-from mottrack.core.tables import Columns, Table
+from mottrack.core.tables import Table
 
 FORMAT = "mottrack snapshots 2"
 STEP = 0.01
-"""Points are stored in centimetres, the flow in centimetres a second."""
+"""Points are stored in centimetres, the flow in cm/s: finer than a screen or the sensor."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectTable(Table):
-    """What a tracker was given at one key frame, world frame."""
+    """The objects that a tracker received at one key frame, world frame."""
 
     COLUMNS: ClassVar[Columns] = {
-        "label": (np.str_, ()),
-        "centre_m": (np.float64, (3,)),
-        "size_m": (np.float64, (3,)),
-        "yaw_rad": (np.float64, ()),
-        "score": (np.float64, ()),
-        "velocity_mps": (np.float64, (2,)),
+        "label": Column(np.str_),
+        "centre_m": Column(np.float64, (3,)),
+        "size_m": Column(np.float64, (3,)),
+        "yaw_rad": Column(np.float64),
+        "score": Column(np.float64),
+        "velocity_mps": Column(np.float64, (2,)),
     }
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
@@ -62,7 +63,7 @@ class ObjectTable(Table):
 
     @classmethod
     def of(cls, objects: Objects) -> ObjectTable:
-        """The table of these objects, which lie in the world frame."""
+        """Make the table of objects in the world frame."""
         velocity_mps = np.full((len(objects), 2), np.nan)
         if objects.velocity is not None:
             measured = objects.velocity.valid
@@ -73,12 +74,12 @@ class ObjectTable(Table):
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What one key frame looked like; points and flow in its ego frame, objects in the world."""
+    """Points and flow (ego frame) and objects (world frame) of one key frame."""
 
     frame: int
     """Row of the scene's FrameTable."""
     xyz_m: F32
-    """(N, 3) points of the sweep, thinned; none where no part looked at sweeps."""
+    """(N, 3) points of the sweep, thinned; empty where no part reads sweeps."""
     grid: BevGrid
     cells: I64
     """(K, 2) row and column of the occupied cells."""
@@ -87,42 +88,32 @@ class Snapshot:
     valid: Mask
     """(K,) whether the source measured it."""
     objects: ObjectTable
-    """What the tracker was given."""
+    """The objects that the tracker received."""
 
     @classmethod
     def of(
-        cls,
-        frame: int,
-        xyz_m: F32,
-        field: FlowField | None,
-        objects: Objects | None,
+        cls, frame: int, xyz_m: F32, field: FlowField | None, objects: Objects | None
     ) -> Snapshot:
-        """Keeps these points, the occupied cells of a field and the objects (world frame)."""
-        grid = BevGrid() if field is None else field.grid
-        occupied = np.zeros(grid.shape, np.bool_) if field is None else field.occupied
-        cells = np.argwhere(occupied)
-        nothing = np.zeros(0, np.bool_)
+        """Keep these points, the occupied cells of a field and the objects (world frame)."""
+        field = FlowField.empty(BevGrid(), 0) if field is None else field
         return cls(
             frame=frame,
             xyz_m=xyz_m,
-            grid=grid,
-            cells=cells,
-            velocity_mps=np.zeros((0, 2), np.float32)
-            if field is None
-            else field.velocity_mps[occupied],
-            valid=nothing if field is None else field.valid[occupied],
+            grid=field.grid,
+            cells=np.argwhere(field.occupied),
+            velocity_mps=field.velocity_mps[field.occupied],
+            valid=field.valid[field.occupied],
             objects=ObjectTable.empty() if objects is None else ObjectTable.of(objects),
         )
 
     @property
     def xy_m(self) -> F64:
         """(K, 2) centres of the occupied cells in metres."""
-        centres: F64 = self.grid.centres_m()[self.cells[:, 0], self.cells[:, 1]]
-        return centres
+        return self.grid.centres_m()[self.cells[:, 0], self.cells[:, 1]]
 
 
 def save_snapshots(path: Path, snapshots: Sequence[Snapshot]) -> None:
-    """Stores snapshots of one scene, at least one, replaced at once or not at all."""
+    """Store the snapshots of one scene, at least one, atomically."""
     grids = [s.grid for s in snapshots]
     objects = ObjectTable.stacked([s.objects for s in snapshots])
     arrays: dict[str, NDArray[Any]] = {
@@ -143,7 +134,7 @@ def save_snapshots(path: Path, snapshots: Sequence[Snapshot]) -> None:
 
 
 def load_snapshots(path: Path) -> list[Snapshot]:
-    """Reads what ``save_snapshots`` wrote, in order of time.
+    """Read what ``save_snapshots`` wrote, in order of time.
 
     Raises:
         ResultError: the file is missing, damaged, or of another version.
@@ -179,7 +170,6 @@ def _snapshots(arrays: dict[str, NDArray[Any]]) -> list[Snapshot]:
 
 
 def _steps(values: Floats) -> I16:
-    """In whole steps; what does not fit in 16 bits (327 m, 327 m/s) is cut off there."""
+    """Quantise to whole steps; clip to what 16 bits hold (327 m, 327 m/s)."""
     limit = np.iinfo(np.int16).max
-    steps: I16 = np.clip(np.rint(values / STEP), -limit, limit).astype(np.int16)
-    return steps
+    return np.asarray(np.clip(np.rint(values / STEP), -limit, limit), np.int16)

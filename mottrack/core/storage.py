@@ -1,4 +1,4 @@
-"""Files that are replaced at once or not at all, and arrays with a checksum."""
+"""Atomic file replacement, and arrays with a checksum."""
 
 from __future__ import annotations
 
@@ -20,10 +20,12 @@ CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Writes a file by way of a temporary one beside it: a reader sees the old or the new."""
+    """Write a file through a temporary one beside it: a reader sees the old or the new."""
     try:
         _replace(path, data)
     except OSError as error:
+        if error.filename is not None:
+            raise
         # a full disk is reported by a number alone
         raise type(error)(error.errno, error.strerror, str(path)) from error
 
@@ -38,7 +40,7 @@ def _replace(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
+        Path(temporary).chmod(0o644)  # mkstemp makes files that only their owner can read
         Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
@@ -46,18 +48,18 @@ def _replace(path: Path, data: bytes) -> None:
 
 
 def discard_unfinished(folder: Path) -> None:
-    """Removes what writers left in a folder that were killed in the middle of a file."""
+    """Remove the temporary files of writers that were killed."""
     for temporary in folder.glob(f".*{UNFINISHED}"):
         temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, replaced at once or not at all."""
+    """Write a UTF-8 text file atomically."""
     write_bytes(path, text.encode())
 
 
 def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    """Writes named arrays as a compressed npz, followed by the SHA-256 of its bytes.
+    """Write named arrays as a compressed npz, followed by the SHA-256 of its bytes.
 
     The same arrays give the same bytes; ``numpy.load`` opens the file as well.
     """
@@ -68,7 +70,7 @@ def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Reads what ``write_arrays`` wrote; never unpickles.
+    """Read what ``write_arrays`` wrote; never unpickle.
 
     Raises:
         ResultError: the file is missing, or a single bit of it has changed.

@@ -1,4 +1,4 @@
-"""Truth, tracks and flow of a whole scene as flat arrays: what a metric is a function of."""
+"""Truth, tracks and flow samples of a whole scene as flat arrays: the input of every metric."""
 
 from __future__ import annotations
 
@@ -10,59 +10,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F32, F64, I64, Mask, Texts
-from mottrack.core.checks import as_array, require_all, require_finite
+from mottrack.core.checks import Column, Columns, require_all, set_columns
 from mottrack.core.frame import Frame
 from mottrack.core.objects import Tracks
 
-Columns = dict[str, tuple[Any, tuple[int, ...]]]
-
 ALL_AROUND_RAD = (-np.pi, np.pi)
-BOX_COLUMNS: Columns = {
-    "frame": (np.int64, ()),
-    "id": (np.int64, ()),
-    "label": (np.str_, ()),
-    "centre_m": (np.float64, (3,)),
-    "size_m": (np.float64, (3,)),
-    "yaw_rad": (np.float64, ()),
-    "velocity_mps": (np.float64, (2,)),
-}
 
 
 class Table:
-    """Columns of equal length, checked when made."""
+    """Columns of equal length, checked on construction."""
 
     COLUMNS: ClassVar[Columns] = {}
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset()
 
     def __post_init__(self) -> None:
-        """Checks every column.
+        """Check every column.
 
         Raises:
             InputError: a shape is wrong or a number is not finite.
         """
-        first, (dtype, tail) = next(iter(self.COLUMNS.items()))
-        n = len(as_array(first, getattr(self, first), dtype, (None, *tail)))
-        for name, (dtype, tail) in self.COLUMNS.items():
-            array = as_array(name, getattr(self, name), dtype, (n, *tail))
-            if np.issubdtype(array.dtype, np.floating) and name not in self.MAY_BE_NAN:
-                require_finite(name, array)
-            object.__setattr__(self, name, array)
+        set_columns(self, self.COLUMNS, self.MAY_BE_NAN)
 
     def __len__(self) -> int:
         return len(getattr(self, next(iter(self.COLUMNS))))
 
     @classmethod
     def empty(cls) -> Self:
-        """A table without rows."""
-        return cls(**{n: np.zeros((0, *tail), dtype=d) for n, (d, tail) in cls.COLUMNS.items()})
+        """Return a table without rows."""
+        return cls(**{n: np.zeros((0, *c.shape), c.dtype) for n, c in cls.COLUMNS.items()})
 
     def select(self, index: NDArray[Any]) -> Self:
-        """The rows that a boolean mask or an integer index picks."""
+        """Return the rows that a boolean mask or an integer index picks."""
         return type(self)(**{name: getattr(self, name)[index] for name in self.COLUMNS})
 
     @classmethod
     def stacked(cls, parts: Sequence[Self]) -> Self:
-        """One table with the rows of all parts, in order."""
+        """Return one table with the rows of all parts, in order."""
         if not parts:
             return cls.empty()
         return cls(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in cls.COLUMNS})
@@ -73,11 +56,11 @@ class FrameTable(Table):
     """The key frames of a scene, in order of time."""
 
     COLUMNS: ClassVar[Columns] = {
-        "stamp_ns": (np.int64, ()),
-        "token": (np.str_, ()),
-        "world_T_ego": (np.float64, (4, 4)),
-        "labelled_azimuth_rad": (np.float64, (2,)),
-        "annotated": (np.bool_, ()),
+        "stamp_ns": Column(np.int64),
+        "token": Column(np.str_),
+        "world_T_ego": Column(np.float64, (4, 4)),
+        "labelled_azimuth_rad": Column(np.float64, (2,)),
+        "annotated": Column(np.bool_),
     }
 
     stamp_ns: I64
@@ -89,10 +72,10 @@ class FrameTable(Table):
     labelled_azimuth_rad: F64
     """(T, 2) right and left azimuth, ego frame, between which objects are labelled."""
     annotated: Mask
-    """(T,) false where nobody labelled anything: there a track is neither right nor wrong."""
+    """(T,) false where the frame has no labels: there a track is neither right nor wrong."""
 
     def __post_init__(self) -> None:
-        """Checks every column, and that the stamps ascend.
+        """Check every column, and that the stamps ascend.
 
         Raises:
             InputError: a shape is wrong, a number is not finite, or a stamp is not later than the
@@ -105,7 +88,7 @@ class FrameTable(Table):
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> FrameTable:
-        """The table of these frames."""
+        """Make the table of these frames."""
         return cls(
             np.array([f.stamp_ns for f in frames], dtype=np.int64),
             np.array([f.token for f in frames], dtype=np.str_),
@@ -115,7 +98,7 @@ class FrameTable(Table):
         )
 
     def labelled(self, frame: I64, centre_m: F64) -> Mask:
-        """(N,) whether boxes lie where objects are labelled.
+        """Return (N,) whether boxes lie where objects are labelled.
 
         Args:
             frame: (N,) row of this table that each box belongs to.
@@ -131,32 +114,46 @@ class FrameTable(Table):
 
 
 @dataclass(frozen=True, slots=True)
-class TruthTable(Table):
-    """True boxes of a scene, world frame, with the columns of `Truth`.
-
-    ``frame`` is the row of the FrameTable.
-    """
+class BoxTable(Table):
+    """Boxes of a scene, world frame; shapes and units are those of `Tracks` and `Truth`."""
 
     COLUMNS: ClassVar[Columns] = {
-        **BOX_COLUMNS,
-        "num_points": (np.int64, ()),
-        "interpolated": (np.bool_, ()),
+        "frame": Column(np.int64),
+        "id": Column(np.int64),
+        "label": Column(np.str_),
+        "centre_m": Column(np.float64, (3,)),
+        "size_m": Column(np.float64, (3,)),
+        "yaw_rad": Column(np.float64),
+        "velocity_mps": Column(np.float64, (2,)),
     }
-    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 
     frame: I64
+    """(N,) row of the FrameTable."""
     id: I64
     label: Texts
     centre_m: F64
     size_m: F64
     yaw_rad: F64
     velocity_mps: F64
+
+
+@dataclass(frozen=True, slots=True)
+class TruthTable(BoxTable):
+    """True boxes of a scene, with the columns of `Truth`."""
+
+    COLUMNS: ClassVar[Columns] = {
+        **BoxTable.COLUMNS,
+        "num_points": Column(np.int64),
+        "interpolated": Column(np.bool_),
+    }
+    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
+
     num_points: I64
     interpolated: Mask
 
     @classmethod
     def of(cls, frames: Sequence[Frame]) -> TruthTable:
-        """The table of the truth of these frames; a frame without truth has no rows."""
+        """Make the table of the truth of these frames; a frame without truth has no rows."""
         parts = []
         for index, frame in enumerate(frames):
             if frame.truth is not None:
@@ -166,49 +163,33 @@ class TruthTable(Table):
 
 
 @dataclass(frozen=True, slots=True)
-class TrackTable(Table):
-    """Tracks of a scene, world frame, with columns of `Tracks`.
-
-    ``frame`` is the row of the FrameTable.
-    """
+class TrackTable(BoxTable):
+    """Tracks of a scene, with columns of `Tracks`."""
 
     COLUMNS: ClassVar[Columns] = {
-        **BOX_COLUMNS,
-        "velocity_covariance_m2ps2": (np.float64, (2, 2)),
-        "score": (np.float64, ()),
-        "observed": (np.bool_, ()),
-        "hull_corners": (np.int64, ()),
+        **BoxTable.COLUMNS,
+        "velocity_covariance_m2ps2": Column(np.float64, (2, 2)),
+        "score": Column(np.float64),
+        "observed": Column(np.bool_),
+        "hull_corners": Column(np.int64),
     }
 
-    frame: I64
-    id: I64
-    label: Texts
-    centre_m: F64
-    size_m: F64
-    yaw_rad: F64
-    velocity_mps: F64
     velocity_covariance_m2ps2: F64
     score: F64
     observed: Mask
     hull_corners: I64
-    """(N,) corners of the convex hull in SceneResult.hull_xy_m, in order; 0: the box is meant."""
+    """(N,) number of hull corners in SceneResult.hull_xy_m; 0 where the track has only a box."""
 
     @classmethod
     def of(cls, steps: Sequence[Tracks]) -> TrackTable:
-        """The table of what a tracker returned, step by step."""
+        """Make the table of what a tracker returned, step by step."""
         parts = []
-        names = set(cls.COLUMNS) - {"frame", "velocity_covariance_m2ps2", "hull_corners"}
+        names = set(cls.COLUMNS) - {"frame", "hull_corners"}
         for index, tracks in enumerate(steps):
             rows = {name: getattr(tracks, name) for name in names}
-            hull = tracks.hull or ()
-            corners = [len(h) for h in hull] if hull else [0] * len(tracks)
+            corners = [len(h) for h in tracks.hull] if tracks.hull else [0] * len(tracks)
             parts.append(
-                cls(
-                    frame=np.full(len(tracks), index),
-                    velocity_covariance_m2ps2=tracks.velocity_covariance_m2ps2,
-                    hull_corners=np.array(corners, dtype=np.int64),
-                    **rows,
-                )
+                cls(frame=np.full(len(tracks), index), hull_corners=np.array(corners), **rows)
             )
         return cls.stacked(parts)
 
@@ -218,14 +199,14 @@ class FlowSamples(Table):
     """Estimated and true velocity of every occupied, labelled cell of a scene."""
 
     COLUMNS: ClassVar[Columns] = {
-        "frame": (np.int64, ()),
-        "xy_m": (np.float32, (2,)),
-        "estimate_mps": (np.float32, (2,)),
-        "truth_mps": (np.float32, (2,)),
-        "dt_s": (np.float32, ()),
-        "valid": (np.bool_, ()),
-        "dynamic": (np.bool_, ()),
-        "observable": (np.bool_, ()),
+        "frame": Column(np.int64),
+        "xy_m": Column(np.float32, (2,)),
+        "estimate_mps": Column(np.float32, (2,)),
+        "truth_mps": Column(np.float32, (2,)),
+        "dt_s": Column(np.float32),
+        "valid": Column(np.bool_),
+        "dynamic": Column(np.bool_),
+        "observable": Column(np.bool_),
     }
 
     frame: I64

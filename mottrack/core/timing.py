@@ -1,7 +1,8 @@
-"""Lets whoever times a stage learn what a part deep inside it took (the ground, within the flow).
+"""Timings of parts within a stage, such as the ground estimate within the flow.
 
-The part names itself; nobody listening, it costs a look-up. What listens is set by the caller
-and belongs to its thread of execution, so two pipelines never hear each other.
+A part is a function with the decorator `timed`; a caller collects its timings within
+`collect_timings`. Without a collector a part costs one look-up. The collector belongs to the
+caller's context (thread or task), so two pipelines never collect each other's timings.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 Listener = Callable[[str, float], None]
-"""Is told the name of a part and the seconds that it took."""
+"""Receives the name of a part and the seconds that it took."""
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 def timed(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Marks a function as a part that is timed by name inside the stage that calls it."""
+    """Mark a function as a part that is timed by name inside the stage that calls it."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         @wraps(function)
@@ -43,7 +44,7 @@ def timed(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 @contextmanager
 def collect_timings(listener: Listener) -> Iterator[None]:
-    """Within the block, ``listener`` is told what each part took."""
+    """Pass the timing of each part that runs within the block to ``listener``."""
     token = _listener.set(listener)
     try:
         yield

@@ -6,12 +6,31 @@ poses must satisfy), `rigid.py` (rotations) and `scene_boxes.py` (truth and dete
 Files themselves are read by `mottrack.formats`.
 """
 
-DATASETS: dict[str, str] = {
-    "argoverse2": "mottrack.datasets.argoverse2.dataset:Argoverse2",
-    "folder": "mottrack.datasets.folder.dataset:Folder",
-    "kitti": "mottrack.datasets.kitti.dataset:Kitti",
-    "nuscenes": "mottrack.datasets.nuscenes.dataset:NuScenes",
-    "ros": "mottrack.datasets.ros.dataset:RosLogs",
-    "synthetic": "mottrack.datasets.synthetic:SyntheticDataset",
+from mottrack.core.interfaces import TableEntry
+
+DATASETS: dict[str, TableEntry] = {
+    "argoverse2": TableEntry(
+        "mottrack.datasets.argoverse2.dataset:Argoverse2", "The logs of one Argoverse 2 split."
+    ),
+    "folder": TableEntry(
+        "mottrack.datasets.folder.dataset:Folder",
+        "The logs of a folder, in the format of docs/own_logs.md.",
+    ),
+    "kitti": TableEntry(
+        "mottrack.datasets.kitti.dataset:Kitti",
+        "The 21 training or 29 test sequences of KITTI tracking, or those that are there.",
+    ),
+    "nuscenes": TableEntry(
+        "mottrack.datasets.nuscenes.dataset:NuScenes",
+        "The scenes of one version and split, without the devkit.",
+    ),
+    "ros": TableEntry(
+        "mottrack.datasets.ros.dataset:RosLogs",
+        "The mcap files of a folder, a scene each: PointCloud2 for sweeps, Odometry for poses.",
+    ),
+    "synthetic": TableEntry(
+        "mottrack.datasets.synthetic:SyntheticDataset",
+        "Procedural driving scenes, from one seed, bit-identical on every run.",
+    ),
 }
-"""Name in a configuration to `module:Class`; nothing is imported before it is asked for."""
+"""Name in a configuration to its class."""

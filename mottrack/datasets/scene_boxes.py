@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from mottrack.core import Objects, Pose, Truth, TruthTable, VelocityMeasurement
 from mottrack.core.arrays import F64, I64, Texts
+from mottrack.core.checks import Column, Columns
 from mottrack.core.pose import wrap_angle
 from mottrack.core.tables import Table
 
@@ -30,14 +31,14 @@ class DetectionTable(Table):
     velocity_mps: (N, 2) the detector's own velocity, NaN where it reports none.
     """
 
-    COLUMNS: ClassVar[dict[str, tuple[Any, tuple[int, ...]]]] = {
-        "frame": (np.int64, ()),
-        "label": (np.str_, ()),
-        "score": (np.float64, ()),
-        "centre_m": (np.float64, (3,)),
-        "size_m": (np.float64, (3,)),
-        "yaw_rad": (np.float64, ()),
-        "velocity_mps": (np.float64, (2,)),
+    COLUMNS: ClassVar[Columns] = {
+        "frame": Column(np.int64),
+        "label": Column(np.str_),
+        "score": Column(np.float64),
+        "centre_m": Column(np.float64, (3,)),
+        "size_m": Column(np.float64, (3,)),
+        "yaw_rad": Column(np.float64),
+        "velocity_mps": Column(np.float64, (2,)),
     }
     MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
 

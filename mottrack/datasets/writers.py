@@ -34,6 +34,7 @@ class Format:
         return function(scenes, root)
 
 
+# rates are those of the real data sets: they decide which sweeps and key frames are written
 FORMATS = {
     "nuscenes": Format(
         "mottrack.datasets.nuscenes.write:write_nuscenes", 20, 2, "detections/synthetic.json"

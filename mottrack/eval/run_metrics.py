@@ -11,6 +11,7 @@ from mottrack.core import InputError, SceneResult
 from mottrack.core.arrays import F64, I64
 from mottrack.eval.arithmetic import mota, ratio
 from mottrack.eval.flow_error import cell_errors, kind_masks
+from mottrack.eval.memo import Memo
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
 from mottrack.eval.nuscenes.resampling import profiles, sampled_metrics
 from mottrack.eval.nuscenes.rules import Rules
@@ -71,25 +72,28 @@ class Resampling:
         return cls(draw(len(runs[0]), resamples), rules, config)
 
 
-def run_metrics(results: Sequence[SceneResult], common: Resampling) -> RunMetrics:
+def run_metrics(
+    results: Sequence[SceneResult], common: Resampling, memo: Memo | None = None
+) -> RunMetrics:
     """Return all metrics of a run, on the whole and on every resample.
 
     MOTA, MOTP and IDS are the official ones: means over the classes (IDS: the sum), each class at
     its best score, which is sought anew in every resample. Where the evaluation is class-agnostic
     they are those of all boxes together.
     """
-    scored = [scored_part(result, common.config) for result in results]
-    metrics = dict(_velocity(results, common.config)) | dict(_flow(scored))
+    memo = memo or Memo()
+    scored = [memo(scored_part, result, common.config) for result in results]
+    metrics = dict(_velocity(results, common.config, memo)) | dict(_flow(scored))
     sampled = {key: sample(metric, common.weights) for key, metric in metrics.items()}
-    return _tracking(scored, common) | sampled
+    return _tracking(scored, common, memo) | sampled
 
 
-def _tracking(results: Sequence[SceneResult], common: Resampling) -> RunMetrics:
+def _tracking(results: Sequence[SceneResult], common: Resampling, memo: Memo) -> RunMetrics:
     if common.rules is None:
         pooled = _pooled(results, common.config)
         return {key: sample(metric, common.weights) for key, metric in pooled}
     try:
-        classes = profiles(prepare_results(results, common.rules), common.rules)
+        classes = profiles(memo(prepare_results, results, common.rules), common.rules)
     except InputError:  # no box in range on one side: there is nothing to average
         return {}
     official = sampled_metrics(classes, common.weights, common.rules)[ALL]
@@ -112,10 +116,10 @@ def _pooled(
 
 
 def _velocity(
-    results: Sequence[SceneResult], config: ScoreConfig
+    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo
 ) -> Iterator[tuple[MetricKey, Metric]]:
-    parts = [scored_part(result, config, truth=False) for result in results]
-    samples = [velocity_samples(part, config.velocity) for part in parts]
+    parts = [memo(scored_part, result, config, truth=False) for result in results]
+    samples = [memo(velocity_samples, part, config.velocity) for part in parts]
     declared = {name for result in results for name in result.classes}
     masks = [category_masks(part, config.velocity, declared) for part in samples]
     for row in dict.fromkeys(row for mask in masks for row in mask):

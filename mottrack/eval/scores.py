@@ -18,6 +18,7 @@ from mottrack.core.arrays import F64, Mask
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError, flow_table
+from mottrack.eval.memo import Memo
 from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
 from mottrack.eval.pairs import (
@@ -144,17 +145,19 @@ class ScoreFilter:
     """Boxes at least this far from the vehicle are left out, as the official rules do."""
 
 
-def score(results: Sequence[SceneResult], config: ScoreConfig | None = None) -> Scores:
-    """Return the scores of the scenes together.
+def score(
+    results: Sequence[SceneResult], config: ScoreConfig | None = None, memo: Memo | None = None
+) -> Scores:
+    """Return the scores of the scenes together; `memo` shares work with other evaluations.
 
     Truth counts from the first to the last frame in which its object has a LiDAR return. Where no
     track carries a class of the truth (clusters), the evaluation is class-agnostic.
     """
-    config = config or ScoreConfig()
-    scored = [scored_part(result, config) for result in results]
-    overall, classes = _tracking(scored, config)
-    parts = [scored_part(result, config, truth=False) for result in results]
-    samples = [velocity_samples(part, config.velocity) for part in parts]
+    config, memo = config or ScoreConfig(), memo or Memo()
+    scored = [memo(scored_part, result, config) for result in results]
+    overall, classes = _tracking(scored, config, memo)
+    parts = [memo(scored_part, result, config, truth=False) for result in results]
+    samples = [memo(velocity_samples, part, config.velocity) for part in parts]
     declared = {name for result in results for name in result.classes}
     velocity = velocity_table(samples, config.velocity, declared)
     flow = [result.flow for result in scored if len(result.flow)]
@@ -171,7 +174,7 @@ def scored_part(result: SceneResult, config: ScoreConfig, *, truth: bool = True)
 
 
 def _tracking(
-    results: Sequence[SceneResult], config: ScoreConfig
+    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo
 ) -> tuple[ClassScores, dict[str, ClassScores]]:
     """Return the metrics of all classes together and of each class."""
     pooled = ScoreFilter("")
@@ -179,7 +182,7 @@ def _tracking(
         return _class_scores(results, pooled, config), {}
     rules = rules_for(counted_labels(results))
     try:
-        official = evaluate_prepared(prepare_results(results, rules), rules)
+        official = memo(evaluate_prepared, memo(prepare_results, results, rules), rules)
     except InputError:  # nothing in range on one side: only counts are defined
         return _class_scores(results, pooled, config), {}
     classes = {}

@@ -101,6 +101,7 @@ class ErrorRow:
     percentile_95_mps: float
 
 
+# four means of nothing
 NO_ROWS = ErrorRow(0, *(4 * [float("nan")]))
 
 

@@ -1,4 +1,4 @@
-"""Where experiment files and their groups are found."""
+"""Paths of experiment files and of the groups that they compose."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from mottrack.core.errors import unknown_name
 
 
 def shipped_folder() -> Path:
-    """The folder of configurations that come with the package."""
+    """Return the folder of configurations that come with the package."""
     package = Path(__file__).resolve().parents[1]
     inside = package / "configs"  # in a wheel; in a checkout they lie beside the package
     return inside if inside.is_dir() else package.parent / "configs"
 
 
 def find_config(name: str) -> Path:
-    """The file at that path, or the shipped one of that name (with or without ``.yaml``).
+    """Return the file at that path, or the shipped one of that name (with or without ``.yaml``).
 
     Raises:
         ConfigError: there is neither.
@@ -30,7 +30,7 @@ def find_config(name: str) -> Path:
 
 
 def find_group(group: str, name: str, beside: Path) -> Path | None:
-    """``<group>/<name>.yaml`` beside the experiment's file, else the shipped one, else None."""
+    """Return ``<group>/<name>.yaml`` beside the experiment's file, else the shipped one or None."""
     if not name.replace("_", "").replace("-", "").replace(".", "").isalnum() or ".." in name:
         return None  # module:Class of the user's own, never a path
     for folder in (beside, shipped_folder()):

@@ -1,4 +1,4 @@
-"""One experiment: which data, which objects, which flow, which tracker, and how they are scored."""
+"""Experiments: data set, objects, flow source, tracker and scores, composed from YAML files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,13 +31,11 @@ class Experiment:
     tracker: Part
     settings: Settings
     variant: str = ""
-    """What distinguishes it within a sweep; empty if it is the only one."""
-    sources: tuple[str, ...] = field(default=())
-    """Files that it was composed of."""
+    """Name within a sweep; empty if it is the only one."""
 
     @property
     def title(self) -> str:
-        """What names it in a table."""
+        """Name in tables."""
         return self.variant or self.settings.name or self.flow.kind
 
     @property
@@ -46,7 +44,7 @@ class Experiment:
         return self.dataset, self.objects, self.flow, self.tracker
 
     def resolved(self) -> dict[str, Any]:
-        """Every setting, defaults included, as plain data."""
+        """Return every setting, defaults included, as plain data."""
         parts = {g: part.resolved() for g, part in zip(GROUPS, self.parts, strict=True)}
         return {**parts, **self.settings.model_dump(mode="json")}
 
@@ -58,7 +56,7 @@ class Experiment:
 
 
 def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experiment]:
-    """Composes an experiment file, its groups and the overrides; a sweep gives several.
+    """Compose an experiment file, its groups and the overrides; a sweep gives several.
 
     Args:
         config: path of a YAML file, or the name of one that is shipped.
@@ -73,10 +71,10 @@ def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experim
 
 
 def load_to_stream(config: str, overrides: Sequence[str] = ()) -> Experiment:
-    """Composes one experiment; the file's data set is left out unless an override speaks of it.
+    """Compose one experiment; leave the file's data set out unless an override names one.
 
     Raises:
-        ConfigError: a key, a name or a value is wrong, or several variants are left.
+        ConfigError: a key, a name or a value is wrong, or there are several variants.
         DataError: the file can't be read.
     """
     path = find_config(config)
@@ -91,12 +89,12 @@ def load_to_stream(config: str, overrides: Sequence[str] = ()) -> Experiment:
 
 
 def compose(tree: Mapping[str, Any], overrides: Sequence[str], path: Path) -> list[Experiment]:
-    """Composes experiments from a mapping as an experiment file holds it.
+    """Compose experiments from the mapping that an experiment file holds.
 
     Args:
         tree: keys to values; a list under a group makes a sweep.
         overrides: ``key=value`` texts.
-        path: names the file in errors; groups are looked for beside it.
+        path: names the file in errors; groups are searched for beside it.
 
     Raises:
         ConfigError: a key, a name or a value is wrong.
@@ -113,11 +111,10 @@ def _compose_one(
     base: Mapping[str, Any], choices: Sequence[Choice], variant: str, path: Path
 ) -> Experiment:
     tree: dict[str, Any] = json.loads(json.dumps(base, default=str))  # a copy without aliases
-    sources = [str(path)]
     tree |= {key: value for key, value in choices if key in GROUPS}
     for group in GROUPS:
         choice = tree.get(group, DEFAULTS[group])
-        tree[group] = deepcopy(_group_settings(group, choice, path, sources))
+        tree[group] = deepcopy(_group_settings(group, choice, path))
     for key, value in choices:
         if key not in GROUPS:
             set_key(tree, key, value)
@@ -128,7 +125,7 @@ def _compose_one(
         raise ConfigError(f"{path}: {error}") from error
     except ValidationError as error:
         raise ConfigError(f"{path}: {format_validation_error(error, _WholeFile)}") from error
-    return Experiment(**parts, settings=settings, variant=variant, sources=tuple(sources))
+    return Experiment(**parts, settings=settings, variant=variant)
 
 
 DEFAULTS = {
@@ -140,7 +137,7 @@ DEFAULTS = {
 
 
 class _WholeFile(Settings):
-    """All top-level keys of an experiment file, for the hint after a typing error."""
+    """All top-level keys of an experiment file, for the hint in errors."""
 
     dataset: Any = None
     objects: Any = None
@@ -148,8 +145,8 @@ class _WholeFile(Settings):
     tracker: Any = None
 
 
-def _group_settings(group: str, choice: Any, path: Path, sources: list[str]) -> dict[str, Any]:
-    """``icp`` is the file ``flow/icp.yaml`` where there is one, else the kind of that name."""
+def _group_settings(group: str, choice: Any, path: Path) -> dict[str, Any]:
+    """Return the settings of a group: of the file ``flow/icp.yaml`` if any, else the bare kind."""
     if isinstance(choice, dict):
         return choice
     if not isinstance(choice, str):
@@ -157,5 +154,4 @@ def _group_settings(group: str, choice: Any, path: Path, sources: list[str]) -> 
     file = find_group(group, choice, path.parent)
     if file is None:
         return {"kind": choice}
-    sources.append(str(file))
     return {"kind": choice, **read_yaml(file)}

@@ -1,20 +1,34 @@
-"""``key=value`` on the command line, with Hydra's syntax: ``flow=icp``, ``tracker.gate=5,7``."""
+"""Overrides ``key=value`` and sweeps, in Hydra's syntax: ``flow=icp``, ``tracker.gate=5,7``."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from mottrack.core.errors import ConfigError
 from mottrack.experiment.yaml_file import parse_scalar
 
 GROUPS = ("dataset", "objects", "flow", "tracker")
-Choice = tuple[str, Any]
+
+
+class Choice(NamedTuple):
+    """One value of a key."""
+
+    key: str
+    value: Any
+
+
+class Variant(NamedTuple):
+    """One combination of a sweep."""
+
+    name: str
+    """Its values that vary; empty for a single combination."""
+    choices: list[Choice]
 
 
 def parse_override(text: str) -> tuple[str, list[Any]]:
-    """Splits ``key=value`` into the key and its values; commas outside brackets make a sweep.
+    """Split ``key=value`` into the key and its values; commas outside brackets make a sweep.
 
     Raises:
         ConfigError: there is no ``=``, or the key or a value is empty.
@@ -29,15 +43,15 @@ def parse_override(text: str) -> tuple[str, list[Any]]:
     return key, [parse_scalar(p.strip()) for p in parts]
 
 
-def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, list[Choice]]]:
-    """All combinations of a sweep: (name of the variant, the choices that make it).
+def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[Variant]:
+    """Return all combinations of a sweep.
 
     A list under a group in the file (``flow: [zero, icp]``) and a list on the command line
     (``flow=zero,icp``) both make a sweep; the command line wins. The order is that of the file,
-    then of the command line. A single combination has the name ``""``.
+    then of the command line.
 
     Raises:
-        ConfigError: an override is none, or a list is empty.
+        ConfigError: an override is malformed, or a list is empty.
     """
     axes: dict[str, list[Any]] = {g: list(tree[g]) for g in GROUPS if isinstance(tree.get(g), list)}
     for text in overrides:
@@ -50,14 +64,14 @@ def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str,
     ordered = sorted(axes, key=lambda key: key not in GROUPS)  # a group first, then its fields
     variants = []
     for combination in itertools.product(*(axes[key] for key in ordered)):
-        choices = list(zip(ordered, combination, strict=True))
-        swept = [(k, v) for k, v in choices if len(axes[k]) > 1]
-        variants.append((_variant_name(swept), choices))
+        choices = [Choice(*pair) for pair in zip(ordered, combination, strict=True)]
+        swept = [choice for choice in choices if len(axes[choice.key]) > 1]
+        variants.append(Variant(_variant_name(swept), choices))
     return variants
 
 
 def set_key(tree: dict[str, Any], key: str, value: Any) -> None:
-    """Sets ``a.b.c`` in nested mappings, making those that are missing.
+    """Set ``a.b.c`` in nested mappings, creating those that are missing.
 
     Raises:
         ConfigError: the key leads through something that is not a mapping.

@@ -1,4 +1,4 @@
-"""Names of parts become classes: from a sibling's table, or ``module:Class`` of the user's own."""
+"""Resolve names of parts to classes: from the package's tables, or ``module:Class`` plug-ins."""
 
 from __future__ import annotations
 
@@ -7,51 +7,60 @@ import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, get_type_hints
 
 from pydantic import ValidationError
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError, unknown_name
+from mottrack.core.interfaces import Dataset, FlowSource, ObjectSource, TableEntry, Tracker
 from mottrack.datasets import DATASETS
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow import FLOWS
 from mottrack.objects import OBJECTS
 from mottrack.trackers import TRACKERS
 
-TABLES: dict[str, tuple[str, Mapping[str, str]]] = {
-    "dataset": ("dataset", DATASETS),
-    "objects": ("object source", OBJECTS),
-    "flow": ("flow source", FLOWS),
-    "tracker": ("tracker", TRACKERS),
-}
 
-METHODS = {
-    "dataset": ("scene",),
-    "objects": ("objects", "reset"),
-    "flow": ("estimate", "reset"),
-    "tracker": ("step",),
+class PartKind(NamedTuple):
+    """One of the four parts of an experiment."""
+
+    noun: str
+    """In error messages."""
+    plural: str
+    """In `mottrack list`."""
+    table: Mapping[str, TableEntry]
+    """The classes that are shipped."""
+    protocol: type[Any]
+    """Its public methods and its attributes are what a class must have."""
+    shared: tuple[str, ...] = ()
+    """Keywords that the pipeline passes to the constructor, beside the settings."""
+
+
+PARTS = {
+    "dataset": PartKind("dataset", "datasets", DATASETS, Dataset),
+    "objects": PartKind("object source", "objects", OBJECTS, ObjectSource),
+    "flow": PartKind("flow source", "flows", FLOWS, FlowSource, ("grid",)),
+    "tracker": PartKind("tracker", "trackers", TRACKERS, Tracker),
 }
-"""What a class must have; `mottrack.core.interfaces` says what each method does."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A class and its checked configuration, ready to be made."""
+    """A class and its checked configuration, ready to be constructed."""
 
     kind: str
     cls: type[Any]
     config: StrictModel | dict[str, Any]
-    """A model for our own classes and those that declare ``Config``; else plain arguments."""
+    """A model where the class declares ``Config``; else plain arguments."""
 
     def make(self, **shared: Any) -> Any:
-        """A new object; ``shared`` holds what the pipeline hands to all parts of the group."""
+        """Construct the object; ``shared`` are the keywords of its `PartKind`."""
         if isinstance(self.config, StrictModel):
             return self.cls(self.config, **shared)
-        return self.cls(**self.config)
+        return self.cls(**self.config, **shared)
 
     def files(self) -> tuple[Path, ...]:
-        """Files beside the settings and the data that decide results: weights.
+        """Return the files beside the settings and the data that decide results: weights.
 
         Raises:
             DataError: none of that name are shipped.
@@ -59,60 +68,89 @@ class Part:
         return self.config.files() if isinstance(self.config, StrictModel) else ()
 
     def resolved(self) -> dict[str, Any]:
-        """Every setting, defaults included, as plain data."""
+        """Return every setting, defaults included, as plain data."""
         if isinstance(self.config, StrictModel):
             return {"kind": self.kind, **self.config.model_dump(mode="json")}
         return {"kind": self.kind, **self.config}
 
 
 def load_part(group: str, settings: Mapping[str, Any]) -> Part:
-    """Finds the class that ``settings["kind"]`` names and checks the other settings.
+    """Find the class that ``settings["kind"]`` names and check the other settings.
 
     Args:
         group: ``"dataset"``, ``"objects"``, ``"flow"`` or ``"tracker"``.
         settings: ``kind`` and the settings of that class.
 
     Raises:
-        ConfigError: the name is unknown, the class can't be imported, or a setting is wrong.
+        ConfigError: the name is unknown, the class can't be imported or does not fulfil its
+            protocol, or a setting is wrong.
     """
     parameters = {k: v for k, v in settings.items() if k != "kind"}
-    kind = settings.get("kind")
+    kind, part = settings.get("kind"), PARTS[group]
     if not isinstance(kind, str):
-        raise ConfigError(
-            f"{group}.kind is {kind!r}, expected a name: {', '.join(TABLES[group][1])}"
-        )
-    cls = _find_class(group, kind)
-    model = getattr(cls, "Config", None)
-    if model is None:
-        _check_arguments(group, kind, cls, parameters)
-        return Part(kind, cls, parameters)
-    try:
-        return Part(kind, cls, model.model_validate(parameters))
-    except ValidationError as error:
-        raise ConfigError(format_validation_error(error, model, prefix=group)) from error
+        raise ConfigError(f"{group}.kind is {kind!r}, expected a name: {', '.join(part.table)}")
+    cls = _find_class(part, kind)
+    config: StrictModel | dict[str, Any] = parameters
+    if "Config" in dir(cls):
+        try:
+            config = cls.Config.model_validate(parameters)
+        except ValidationError as error:
+            message = format_validation_error(error, cls.Config, prefix=group)
+            raise ConfigError(message) from error
+    _check_call(part, kind, cls, config)
+    return Part(kind, cls, config)
 
 
-def _find_class(group: str, kind: str) -> type[Any]:
-    what, table = TABLES[group]
-    if kind not in table and ":" not in kind:
-        raise unknown_name(what, kind, table)
-    module_name, _, class_name = table.get(kind, kind).partition(":")
+def _find_class(part: PartKind, kind: str) -> type[Any]:
+    if kind not in part.table and ":" not in kind:
+        raise unknown_name(part.noun, kind, part.table)
+    target = part.table[kind].target if kind in part.table else kind
+    module_name, _, class_name = target.partition(":")
     try:
         found = getattr(importlib.import_module(module_name), class_name)
     except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(f"{what} '{kind}' can't be imported: {error}") from error
+        raise ConfigError(f"{part.noun} '{kind}' can't be imported: {error}") from error
     if not isinstance(found, type):
-        raise ConfigError(f"{what} '{kind}' is a {type(found).__name__}, expected a class")
-    missing = [name for name in METHODS[group] if not callable(getattr(found, name, None))]
-    if missing:
-        expected = ", ".join(METHODS[group])
-        raise ConfigError(f"{what} '{kind}' has no {missing[0]}, expected methods {expected}")
+        raise ConfigError(f"{part.noun} '{kind}' is a {type(found).__name__}, expected a class")
+    _check_members(part, kind, found)
     return found
 
 
-def _check_arguments(group: str, kind: str, cls: type[Any], arguments: dict[str, Any]) -> None:
-    """Refuses settings of a class without ``Config`` that its ``__init__`` does not take."""
+def _check_members(part: PartKind, kind: str, cls: type[Any]) -> None:
+    """Refuse a class without the methods and attributes that its protocol declares."""
+    members = vars(part.protocol).items()
+    methods = [name for name, member in members if callable(member) and name[0] != "_"]
+    names = dir(cls)
+    for name in methods:
+        if name not in names or not callable(getattr(cls, name)):
+            raise ConfigError(
+                f"{part.noun} '{kind}' has no {name}, expected methods {', '.join(methods)}"
+            )
+    for name, expected in get_type_hints(part.protocol).items():
+        if name not in names or not isinstance(getattr(cls, name), expected):
+            raise ConfigError(
+                f"{part.noun} '{kind}' does not declare {name}, expected a class attribute of type "
+                f"{expected.__name__}; mottrack.core.{part.protocol.__name__}Base has a default to "
+                "inherit"
+            )
+
+
+def _check_call(
+    part: PartKind, kind: str, cls: type[Any], settings: StrictModel | dict[str, Any]
+) -> None:
+    """Refuse settings that ``__init__`` does not take, and a class without a shared keyword."""
+    positional, keywords = ([], settings) if isinstance(settings, dict) else ([settings], {})
+    for name in part.shared:
+        if name in keywords:
+            raise ConfigError(f"{part.noun} '{kind}': {name} is set by {name}.*, for all parts")
     try:
-        inspect.signature(cls).bind(**arguments)
+        signature = inspect.signature(cls)
+        signature.bind(*positional, **keywords, **dict.fromkeys(part.shared))
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"{group} '{kind}' does not take {arguments}: {error}") from error
+        call = ", ".join(
+            [f"{name}={value!r}" for name, value in keywords.items()]
+            + [f"{name}=..." for name in part.shared]
+        )
+        raise ConfigError(
+            f"{part.noun} '{kind}' can't be constructed with ({call}): {error}"
+        ) from error

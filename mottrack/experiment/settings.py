@@ -1,4 +1,4 @@
-"""What an experiment holds besides its four parts."""
+"""Settings of an experiment beside those of its four parts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mottrack.eval.scores import ScoreConfig
 from mottrack.objects.velocity import VelocityConfig
 
 MOST_CELLS = 4096
-"""A side; more is a slip of the unit."""
+"""Of a side of the grid: 1 km at 0.25 m. More is a wrong unit, and would exhaust the memory."""
 
 
 class GridConfig(StrictModel):
@@ -31,38 +31,40 @@ class GridConfig(StrictModel):
         return self
 
     def grid(self) -> BevGrid:
-        """The grid itself."""
+        """Return the grid."""
         return BevGrid(**self.model_dump())
 
 
 class SnapshotConfig(StrictModel):
-    """What is kept of a run to be looked at: in the report, by a viewer, as a film."""
+    """Key frames that are stored for the report, viewers and animations."""
 
     scenes: int = Field(
-        default=6, ge=0, description="the first so many scenes keep all their key frames"
+        default=6,
+        ge=0,
+        description="number of scenes, from the first on, whose key frames are stored",
     )
-    points: int = Field(default=4000, ge=0, description="points of a sweep that are kept")
+    points: int = Field(default=4000, ge=0, description="points of a sweep that are stored")
 
 
 class Settings(StrictModel):
-    """What an experiment holds besides its four parts."""
+    """Settings of an experiment beside those of its four parts."""
 
     name: str = Field(default="", description="title in tables and reports")
     scenes: tuple[str, ...] | None = Field(
-        default=None, min_length=1, description="a choice; None: all"
+        default=None, min_length=1, description="names of scenes; null: all"
     )
     grid: GridConfig = GridConfig()
     velocity: VelocityConfig = VelocityConfig()
     scores: ScoreConfig = ScoreConfig()
     pair_s: float = Field(
-        default=0.1, gt=0, le=0.3, description="wanted time between the two sweeps of a flow"
+        default=0.1, gt=0, le=0.3, description="desired time between the two sweeps of a flow"
     )
     max_pair_s: float = Field(
-        default=0.3, gt=0, le=0.3, description="sweeps further apart are refused: objects jump"
+        default=0.3, gt=0, le=0.3, description="longest time between them: objects move too far"
     )
     score_flow: bool = Field(default=True, description="compare the flow with truth, cell by cell")
     flow_sample_limit: int = Field(
-        default=4000, ge=1, description="cells a frame that are kept for the flow scores"
+        default=4000, ge=1, description="cells per frame that are sampled for the flow scores"
     )
     snapshots: SnapshotConfig = SnapshotConfig()
 

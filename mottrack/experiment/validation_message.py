@@ -1,30 +1,28 @@
-"""Says in one line everything that is wrong with a configuration."""
+"""Errors of pydantic as one line of text."""
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from types import UnionType
 from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from mottrack.core.errors import did_you_mean
+
 
 def format_validation_error(
     error: ValidationError, model: type[BaseModel], *, prefix: str = ""
 ) -> str:
-    """All problems, each with the key, the value and what was expected."""
-    return "; ".join(_explain_one(item, model, prefix) for item in error.errors())
+    """Return all problems in one line, each with the key, the value and what was expected."""
+    return "; ".join(_format_one(item, model, prefix) for item in error.errors())
 
 
-def _explain_one(item: ErrorDetails, model: type[BaseModel], prefix: str) -> str:
+def _format_one(item: ErrorDetails, model: type[BaseModel], prefix: str) -> str:
     path = [str(part) for part in item["loc"]]
     key = ".".join([prefix, *path] if prefix else path)
     if item["type"] == "extra_forbidden":
-        valid = _fields_at(model, path[:-1])
-        near = get_close_matches(path[-1], valid, n=1, cutoff=0.5)
-        hint = f" (did you mean '{near[0]}'?)" if near else ""
-        return f"{key} is not a known key{hint}; valid: {', '.join(sorted(valid))}"
+        return f"{key} is not a known key{did_you_mean(path[-1], _fields_at(model, path[:-1]))}"
     if item["type"] == "missing":
         return f"{key} is missing"
     message = item["msg"].removeprefix("Value error, ")

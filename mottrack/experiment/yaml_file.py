@@ -1,4 +1,4 @@
-"""Reads YAML that a stranger wrote: no objects, no repeated keys, no alias bombs, no huge files."""
+"""Strict loading of untrusted YAML: no objects, repeated keys, alias bombs or huge files."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from yaml.nodes import MappingNode
 from mottrack.core.errors import DataError
 
 MAX_BYTES = 1 << 20
+"""Hundreds of times a real configuration; the parser is pure Python and slow on a wrong file."""
 MAX_ALIASES = 50
+"""Nested aliases grow exponentially (a "billion laughs" bomb)."""
 MAX_DEPTH = 20
+"""Far beyond the nesting of any setting; without a limit the parser exhausts the stack."""
 _EXPONENTIAL = re.compile(r"[-+]?\d+(\.\d*)?e[-+]?\d+", re.IGNORECASE)
 
 
@@ -49,7 +52,7 @@ class _StrictLoader(yaml.SafeLoader):
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Reads a mapping.
+    """Read a mapping from a file.
 
     Raises:
         DataError: the file is missing, over 1 MB, not YAML, or not a mapping.
@@ -67,7 +70,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def parse_yaml(text: str, source: Path) -> dict[str, Any]:
-    """Parses a mapping; ``source`` names it in errors.
+    """Parse a mapping; ``source`` names it in errors.
 
     Raises:
         DataError: the text is not YAML, not a mapping, or an alias leads back to itself.
@@ -93,7 +96,7 @@ def _refuse_cycles(content: dict[str, Any], source: Path) -> None:
 
 
 def parse_scalar(text: str) -> Any:
-    """The value that ``text`` has in YAML: ``0.5`` a number, ``[a, b]`` a list.
+    """Return the value of ``text`` in YAML: ``0.5`` is a number, ``[a, b]`` a list.
 
     Unlike YAML 1.1, ``1e-3`` is a number and ``on``/``off``/``yes``/``no`` stay words.
     """

@@ -1,8 +1,8 @@
-"""The steps around a flow estimator, each a named stage that a config switches.
+"""The processing stages before and after a flow estimator, each switched by the configuration.
 
-    prepared = stages.before(previous, current)     # ground, alignment, visibility
-    raw = ...                                       # any estimator, on prepared.previous/current
-    refined = stages.after(raw, prepared)           # visibility rule, verification and refinement
+    pair = stages.before(previous, current)     # ground, alignment, visibility
+    raw = ...                                   # any estimator, on pair.previous and pair.current
+    refined = stages.after(raw, pair)           # occlusion mask, verification and refinement
 
 The raw field and the refined one are both worth reporting: the second is the estimator plus
 geometry.
@@ -23,16 +23,19 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
-from mottrack.flow.registration.refine import RefineConfig, Refiner
-from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
-from mottrack.flow.sweep_pair.prepared import SweepPair
-from mottrack.flow.sweep_pair.sweep_work import RecentWork, SweepFeatures
+from mottrack.flow.registration.refine import RefineConfig, refine
+from mottrack.flow.sweep_pair import (
+    GroundStage,
+    RecentFeatures,
+    SweepFeatures,
+    SweepPair,
+    elapsed_seconds,
+)
 from mottrack.lidar.alignment import AlignmentConfig, residual_motion
 from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster, with_returns
 
 _NEAR_M = 0.5
-"""How far off an earlier place may be and still be the one that a velocity names."""
+"""Tolerance of the earlier place of a cell: the error of its velocity times the elapsed time."""
 
 
 class AlignmentStage(AlignmentConfig):
@@ -44,8 +47,10 @@ class AlignmentStage(AlignmentConfig):
 class VisibilityStage(StrictModel):
     """What the previous sweep could see."""
 
-    enabled: bool = Field(True, description="make the visibility rasters")
-    rule: bool = Field(True, description="no velocity for cells the previous sweep did not see")
+    enabled: bool = Field(True, description="compute the visibility rasters")
+    mask_occluded: bool = Field(
+        True, description="no velocity for cells the previous sweep did not see"
+    )
 
 
 class RefineStage(RefineConfig):
@@ -55,7 +60,7 @@ class RefineStage(RefineConfig):
 
 
 class StagesConfig(StrictModel):
-    """All stages."""
+    """Settings of all stages."""
 
     ground: GroundStage = Field(default_factory=GroundStage)
     alignment: AlignmentStage = Field(default_factory=AlignmentStage)
@@ -64,27 +69,25 @@ class StagesConfig(StrictModel):
 
 
 class Stages:
-    """The steps before and after an estimator."""
+    """The stages before and after an estimator."""
 
     def __init__(self, config: StagesConfig | None = None, grid: BevGrid | None = None) -> None:
         """`grid` is the grid of the visibility rasters and of the fields given to `after`."""
         self.config = config or StagesConfig()
         self.grid = grid or BevGrid()
-        self._refiner = Refiner(self.config.refine)
-        self._work = RecentWork(self.config.ground.reaching(self.grid))
+        self._recent = RecentFeatures(self.config.ground.reaching(self.grid))
 
     def before(self, previous: Sweep, current: Sweep) -> SweepPair:
-        """Removes ground and ego motion from two sweeps, each in its own ego frame.
+        """Remove ground and ego motion from two sweeps, each in its own ego frame.
 
         Raises:
             InputError: ``current`` is not later than ``previous``.
         """
         elapsed_s = elapsed_seconds(previous, current)
-        earlier, later = self._work.of(previous), self._work.of(current)
-        (then, then_height_m), (now, now_height_m) = earlier.kept, later.kept
+        earlier, later = self._recent.of(previous), self._recent.of(current)
+        (then, then_height_m), (now, now_height_m) = earlier.obstacles, later.obstacles
         previous_T_current = previous.world_T_ego.inverse() @ current.world_T_ego
         then = _moved(then, previous_T_current.inverse())
-        correction = Pose.identity()
         if self.config.alignment.enabled:
             correction = residual_motion(then.xyz_m, now.xyz_m, self.config.alignment)
             then = _moved(then, correction)
@@ -93,52 +96,51 @@ class Stages:
         return SweepPair(
             previous=then,
             current=now,
-            previous_work=earlier,
-            current_work=later,
+            previous_features=earlier,
+            current_features=later,
             previous_T_current=previous_T_current,
             previous_height_m=then_height_m,
             current_height_m=now_height_m,
             elapsed_s=elapsed_s,
-            correction=correction,
             previous_seen=self._seen(earlier, then, previous_T_current),
             current_seen=self._seen(later, now, Pose.identity()),
         )
 
-    def work_on(self, sweep: Sweep) -> SweepFeatures:
-        """What is made of one sweep alone."""
-        return self._work.of(sweep)
+    def features_of(self, sweep: Sweep) -> SweepFeatures:
+        """Return what is computed of one sweep alone."""
+        return self._recent.of(sweep)
 
-    def forget(self) -> None:
-        """Forgets the work on earlier sweeps, which is kept because the next pair needs it."""
-        self._work.forget()
+    def reset(self) -> None:
+        """Remove the features of earlier sweeps."""
+        self._recent.clear()
 
-    def _seen(self, work: SweepFeatures, kept: Sweep, sweep_T_grid: Pose) -> I8 | None:
+    def _seen(self, features: SweepFeatures, obstacles: Sweep, sweep_T_grid: Pose) -> I8 | None:
         if not self.config.visibility.enabled:
             return None
-        seen = visibility_raster(work.sweep, work.farthest_m, self.grid, sweep_T_grid)
-        return with_returns(seen, kept.xyz_m, self.grid)
+        seen = visibility_raster(features.sweep, features.farthest_m, self.grid, sweep_T_grid)
+        return with_returns(seen, obstacles.xyz_m, self.grid)
 
-    def after(self, field: FlowField, prepared: SweepPair) -> FlowField:
-        """The field with the rules of geometry applied: visibility, verification, refinement.
+    def after(self, field: FlowField, pair: SweepPair) -> FlowField:
+        """Return the field with occluded cells masked, and verified and refined by geometry.
 
         Raises:
             InputError: the field does not lie on the grid of these stages.
         """
         if field.grid != self.grid:
             raise InputError("grid of field", field.grid, str(self.grid))
-        if self.config.visibility.rule and prepared.previous_seen is not None:
-            field = mask_occluded(field, prepared.previous_seen, prepared.elapsed_s)
+        if self.config.visibility.mask_occluded and pair.previous_seen is not None:
+            field = mask_occluded(field, pair.previous_seen, pair.elapsed_s)
         if self.config.refine.enabled:
-            field = self._refiner.refine(field, prepared)
+            field = refine(field, pair, self.config.refine)
         return field
 
 
 def mask_occluded(field: FlowField, previous_seen: I8, elapsed_s: float) -> FlowField:
-    """Withdraws the velocity of cells (H, W) whose place the previous sweep could not see.
+    """Withdraw the velocity of cells (H, W) that the previous sweep could not see.
 
-    What was hidden and has come into view matches nothing; an estimator invents a fast match. A
-    vehicle that has driven into what was hidden is told by its earlier place: something stood
-    there. It keeps its velocity.
+    What was occluded and has come into view matches nothing; an estimator finds a fast match
+    nevertheless. A vehicle that has driven into an occluded area is recognised by its earlier
+    place, which was occupied: it keeps its velocity.
     """
     rows, cols = np.nonzero(field.occupied & (previous_seen == UNSEEN))
     lost = ~_came_from(field, (rows, cols), previous_seen == OCCUPIED, elapsed_s)
@@ -148,13 +150,8 @@ def mask_occluded(field: FlowField, previous_seen: I8, elapsed_s: float) -> Flow
     return replace(field, velocity_mps=velocity_mps, valid=valid)
 
 
-def _came_from(
-    field: FlowField,
-    cells: tuple[I64, I64],
-    occupied: Mask,
-    elapsed_s: float,
-) -> Mask:
-    """(C,) whether something stood near the earlier place of each chosen cell (rows, columns)."""
+def _came_from(field: FlowField, cells: tuple[I64, I64], occupied: Mask, elapsed_s: float) -> Mask:
+    """Return (C,) whether cells near the earlier place of each (rows, columns) were occupied."""
     velocity_mps, grid = field.velocity_mps[cells], field.grid
     rows, cols, inside = grid.cells(grid.centres_m()[cells] - velocity_mps * elapsed_s)
     moved = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) * elapsed_s > grid.cell_m
@@ -164,24 +161,25 @@ def _came_from(
         row = np.clip(rows + down - reach, 0, grid.shape[0] - 1)
         col = np.clip(cols + right - reach, 0, grid.shape[1] - 1)
         near |= occupied[row, col]
-    return np.asarray(near & inside & moved)
+    return near & inside & moved
 
 
 def _moved(sweep: Sweep, frame_T_sweep: Pose) -> Sweep:
-    """The sweep with its points and its optical centre in another frame."""
+    """Return the sweep with its points and its optical centre in another frame."""
     return replace(
         sweep,
-        xyz_m=_turned(sweep.xyz_m, frame_T_sweep.rotation, frame_T_sweep.translation_m),
+        xyz_m=_transformed(sweep.xyz_m, frame_T_sweep.rotation, frame_T_sweep.translation_m),
         origin_m=frame_T_sweep.apply(sweep.origin_m[None])[0],
     )
 
 
 @compiled
-def _turned(xyz_m: F32, turn: F64, way_m: F64) -> F32:
-    """Points (N, 3) turned and shifted, in one pass over them."""
+def _transformed(xyz_m: F32, rotation: F64, translation_m: F64) -> F32:
+    """Rotate and translate points (N, 3) in 64 bits, in one pass over them."""
     moved = np.empty((len(xyz_m), 3), np.float32)
     for i in range(len(xyz_m)):
         x, y, z = np.float64(xyz_m[i, 0]), np.float64(xyz_m[i, 1]), np.float64(xyz_m[i, 2])
         for k in range(3):
-            moved[i, k] = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z + way_m[k]
+            rotated = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
+            moved[i, k] = rotated + translation_m[k]
     return moved

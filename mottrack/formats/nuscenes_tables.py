@@ -25,6 +25,7 @@ _BLOCK_ROWS = 20_000
 """Records held as dictionaries before they become arrays: about 20 MB."""
 
 TOKEN = ColumnSpec("token", str)
+# quaternions w, x, y, z and positions x, y, z
 ROTATION = ColumnSpec("rotation", width=4)
 TRANSLATION = ColumnSpec("translation", width=3)
 

@@ -1,1 +1,1 @@
-"""Geometry shared by the rooms above: rotated boxes and convex polygons. Imports core only."""
+"""Rotated boxes, convex polygons, hulls, and closed forms for 2 x 2 matrices."""

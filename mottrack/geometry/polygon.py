@@ -1,14 +1,20 @@
-"""Convex polygons in the plane: clipping and area, compiled."""
+"""Convex polygons in the plane: area, clipping and hull, compiled.
+
+Beside shapely's vectorised functions (`benchmarks/polygons.py`) clipping of listed pairs is 70
+times as fast, and hulls four times; where single polygons are compared, use shapely.
+"""
+
+from __future__ import annotations
 
 import numpy as np
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F64
+from mottrack.core.arrays import F64, I64
 
 
 @compiled
 def clip_area(subject: F64, clip: F64, work: F64) -> float:
-    """Area of the intersection of two convex, counter-clockwise polygons.
+    """Return the area of the intersection of two convex, counter-clockwise polygons.
 
     Sutherland and Hodgman's clipping, one edge of `clip` after the other. `subject` (K, 2) and
     `clip` (L, 2) in the same unit; `work` (2, K + L + 1, 2) is scratch. 0 where they only touch.
@@ -40,12 +46,12 @@ def clip_area(subject: F64, clip: F64, work: F64) -> float:
         count = kept
         if count < 3:
             return 0.0
-    return float(shoelace(work[now], count))
+    return convex_area(work[now], count)
 
 
 @compiled
-def shoelace(points: F64, count: int) -> float:
-    """Area of the counter-clockwise polygon made of the first `count` rows of `points`."""
+def convex_area(points: F64, count: int) -> float:
+    """Return the area of the counter-clockwise polygon of the first `count` rows of `points`."""
     twice = 0.0
     for i in range(1, count - 1):
         ax, ay = points[i, 0] - points[0, 0], points[i, 1] - points[0, 1]
@@ -54,26 +60,31 @@ def shoelace(points: F64, count: int) -> float:
     return max(0.5 * twice, 0.0)
 
 
-def polygon_area(points: F64) -> float:
-    """Signed area of a polygon (K, 2); positive when counter-clockwise."""
-    x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
-    following = np.arange(1 - len(points), 1)
-    return 0.5 * float(np.sum(x * y[following] - y * x[following]))
+@compiled
+def monotone_chain(points: F64, order: I64, hull: F64) -> int:
+    """Fill `hull` with the convex hull of points (N, 2); return its number of corners.
 
-
-def counter_clockwise(points: F64) -> F64:
-    """The polygon (K, 2), its order reversed if it ran clockwise."""
-    ordered = points if polygon_area(points) >= 0.0 else points[::-1]
-    return np.ascontiguousarray(ordered, np.float64)
-
-
-def intersection_area(a: F64, b: F64) -> float:
-    """Area shared by two convex polygons (K, 2) and (L, 2), of either orientation; unit squared.
-
-    A polygon of fewer than three corners has no area.
+    Andrew's monotone chain: counter-clockwise, no corner on a straight edge. `order` (N,) sorts
+    the points by x, ties by y; `hull` (2 N + 1, 2) is also scratch.
     """
-    if len(a) < 3 or len(b) < 3:
-        return 0.0
-    origin = a.mean(axis=0)
-    subject, clip = counter_clockwise(a - origin), counter_clockwise(b - origin)
-    return float(clip_area(subject, clip, np.empty((2, len(a) + len(b) + 1, 2))))
+    size = 0
+    for backwards in range(2):
+        base = size
+        for i in range(len(order)):
+            chosen = order[len(order) - 1 - i if backwards else i]
+            x, y = points[chosen, 0], points[chosen, 1]
+            while size >= base + 2:
+                ax, ay = hull[size - 2, 0], hull[size - 2, 1]
+                if (hull[size - 1, 0] - ax) * (y - ay) > (hull[size - 1, 1] - ay) * (x - ax):
+                    break
+                size -= 1
+            hull[size, 0], hull[size, 1] = x, y
+            size += 1
+        size -= 1
+    return size
+
+
+def polygon_area(points: F64) -> float:
+    """Return the signed area of a polygon (K, 2); positive when counter-clockwise."""
+    x, y = points[:, 0] - points[0, 0], points[:, 1] - points[0, 1]
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

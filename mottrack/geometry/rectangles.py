@@ -1,4 +1,4 @@
-"""Overlap of upright rectangles: rows (N, 4) of left, top, right, bottom, in pixels."""
+"""Overlap of axis-aligned rectangles: rows (N, 4) of left, top, right, bottom, in pixels."""
 
 import numpy as np
 
@@ -6,15 +6,14 @@ from mottrack.core.arrays import F64
 
 
 def rectangle_iou(a: F64, b: F64) -> F64:
-    """(N, M) intersection over union of all pairs of a (N, 4) and b (M, 4); 0 without area."""
+    """Return (N, M) IoU of all pairs of a (N, 4) and b (M, 4); 0 without area."""
     shared = shared_area(a, b)
     union = rectangle_area(a)[:, None] + rectangle_area(b)[None, :] - shared
-    iou: F64 = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return iou
+    return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
 
 
 def shared_area(a: F64, b: F64) -> F64:
-    """(N, M) area that each of a (N, 4) shares with each of b (M, 4)."""
+    """Return (N, M) the area that each of a (N, 4) shares with each of b (M, 4)."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, 2:], b[None, :, 2:])
     area: F64 = np.prod(np.maximum(high - low, 0.0), axis=2)
@@ -22,6 +21,5 @@ def shared_area(a: F64, b: F64) -> F64:
 
 
 def rectangle_area(boxes: F64) -> F64:
-    """(N,) area of rectangles (N, 4); negative where right is left of left."""
-    area: F64 = (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
-    return area
+    """Return (N,) areas of rectangles (N, 4); negative where right is left of left."""
+    return (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])

@@ -1,25 +1,95 @@
-"""Closed forms for stacks of symmetric 2x2 matrices."""
+"""Closed forms for symmetric 2x2 matrices and Gaussians in the plane.
+
+The first functions work on stacks of any leading shape (..., 2, 2) with numpy. Those after them are
+compiled, one matrix at a time, for kernels that loop over tracks themselves.
+"""
+
+from __future__ import annotations
 
 import numpy as np
 
-from mottrack.core.arrays import F64
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, Mask
+
+LOG_2_PI = float(np.log(2.0 * np.pi))
 
 
 def inverse_2x2(matrix: F64) -> F64:
-    """Inverse of symmetric positive definite (N, 2, 2) matrices."""
-    a, b, d = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
+    """Return the inverses (..., 2, 2) of symmetric positive definite matrices."""
+    a, b, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
     inverse = np.empty_like(matrix)
-    inverse[:, 0, 0], inverse[:, 1, 1] = d, a
-    inverse[:, 0, 1] = inverse[:, 1, 0] = -b
-    return inverse / (a * d - b * b)[:, None, None]
+    inverse[..., 0, 0], inverse[..., 1, 1] = d, a
+    inverse[..., 0, 1] = inverse[..., 1, 0] = -b
+    return inverse / (a * d - b * b)[..., None, None]
 
 
 def determinant_2x2(matrix: F64) -> F64:
-    """Determinant of symmetric (N, 2, 2) matrices, (N,)."""
-    return np.asarray(matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] ** 2)
+    """Return the determinants (...) of symmetric matrices (..., 2, 2)."""
+    return np.asarray(matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] ** 2)
 
 
 def quadratic_2x2(matrix: F64, vector: F64) -> F64:
-    """Quadratic form v' M v of symmetric (N, 2, 2) matrices and (N, 2) vectors, (N,)."""
-    x, y = vector[:, 0], vector[:, 1]
-    return matrix[:, 0, 0] * x * x + 2 * matrix[:, 0, 1] * x * y + matrix[:, 1, 1] * y * y
+    """Return v' M v (...) for symmetric matrices (..., 2, 2) and vectors (..., 2)."""
+    x, y = vector[..., 0], vector[..., 1]
+    return matrix[..., 0, 0] * x * x + 2 * matrix[..., 0, 1] * x * y + matrix[..., 1, 1] * y * y
+
+
+def mahalanobis_2x2(residual: F64, covariance: F64) -> F64:
+    """Return sqrt(r' S^-1 r) (...) for residuals (..., 2) and covariances (..., 2, 2)."""
+    return np.sqrt(quadratic_2x2(inverse_2x2(covariance), residual))
+
+
+def density_2x2(residual: F64, covariance: F64) -> F64:
+    """Return the normal density N(r; 0, S) (...) for (..., 2) and (..., 2, 2)."""
+    squared = quadratic_2x2(inverse_2x2(covariance), residual)
+    return np.asarray(np.exp(-0.5 * squared) / (2 * np.pi * np.sqrt(determinant_2x2(covariance))))
+
+
+def log_density_2x2(residual: F64, covariance: F64) -> F64:
+    """Return log N(r; 0, S) (...) for residuals (..., 2) and covariances (..., 2, 2)."""
+    squared = quadratic_2x2(inverse_2x2(covariance), residual)
+    return -0.5 * (squared + np.log(determinant_2x2(covariance))) - LOG_2_PI
+
+
+def root_information_2x2(covariance: F64) -> F64:
+    """Return lower triangular W (..., 2, 2) with W' W = C^-1 for covariances C (..., 2, 2)."""
+    xx, xy, yy = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
+    first = np.sqrt(xx)
+    second = np.sqrt(yy - xy**2 / xx)
+    root = np.zeros_like(covariance)
+    root[..., 0, 0] = 1.0 / first
+    root[..., 1, 0] = -xy / (xx * second)
+    root[..., 1, 1] = 1.0 / second
+    return root
+
+
+def is_covariance_2x2(matrix: F64) -> Mask:
+    """Return whether matrices (..., 2, 2) are finite, symmetric, positive definite and usable.
+
+    Variances outside 1e-12 to 1e12, and correlations within 1e-12 of one, are refused: a filter in
+    double precision cannot use them.
+    """
+    xx, yy, xy = matrix[..., 0, 0], matrix[..., 1, 1], matrix[..., 0, 1]
+    with np.errstate(all="ignore"):
+        in_range = (xx > 1e-12) & (yy > 1e-12) & (xx < 1e12) & (yy < 1e12)
+        symmetric = np.abs(xy - matrix[..., 1, 0]) <= 1e-9 * np.sqrt(np.abs(xx * yy))
+        return in_range & symmetric & (xx * yy - xy**2 > 1e-12 * xx * yy)
+
+
+@compiled
+def determinant_of(s: F64) -> float:
+    """Return the determinant of one symmetric matrix (2, 2)."""
+    return float(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1])
+
+
+@compiled
+def inverse_quadratic_of(s: F64, x: float, y: float) -> float:
+    """Return v' S^-1 v for one symmetric matrix (2, 2) and v = (x, y)."""
+    return float((s[1, 1] * x * x - 2.0 * s[0, 1] * x * y + s[0, 0] * y * y) / determinant_of(s))
+
+
+@compiled
+def row_times_inverse(row: F64, s: F64) -> tuple[float, float]:
+    """Return (x, y) S^-1, a row of K = P H' S^-1, for a row (2,) and a symmetric S (2, 2)."""
+    x, y, determinant = row[0], row[1], determinant_of(s)
+    return (x * s[1, 1] - y * s[0, 1]) / determinant, (y * s[0, 0] - x * s[0, 1]) / determinant

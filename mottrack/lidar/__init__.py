@@ -1,4 +1,1 @@
-"""What is done to a sweep before anyone interprets it.
-
-Ground, ego motion, points in boxes, visibility.
-"""
+"""Processing of single sweeps: ground, ego-motion correction, points in boxes, visibility."""

@@ -1,4 +1,4 @@
-"""Which points lie in which rotated boxes."""
+"""Point-in-box queries for rotated boxes."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ from numpy.typing import ArrayLike
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
 from mottrack.core.checks import as_array
-from mottrack.lidar.point_grid import PointGrid, build_point_grid
+from mottrack.lidar.point_grid import PointGrid, build_point_grid, cells_within
 
 _CELL_M = 2.0
+"""About the width of a car: few cells per box, and few points beside it in them."""
 _MAX_CELLS = 200_000.0
+"""Bounds the memory of the grid (1.6 MB) where points are far away; cells then grow."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointsInBoxes:
-    """Ragged result: `index[start[b]:start[b + 1]]` are the points of box `b`, ascending."""
+    """Points of each of B boxes: `index[start[b]:start[b + 1]]` are those of box `b`, ascending."""
 
     index: I64
     """Point indices sorted by box; a point in two boxes appears twice."""
@@ -26,11 +28,11 @@ class PointsInBoxes:
     """(B + 1,) first entry of each box."""
 
     def of(self, box: int) -> I64:
-        """Points of one box."""
+        """Return the indices of the points in one box."""
         return self.index[self.start[box] : self.start[box + 1]]
 
     def first_box(self, num_points: int) -> I64:
-        """(N,) the first box that holds each point, -1 where none does."""
+        """Return (N,) the first box that holds each point, -1 where none does."""
         box_of = np.full(num_points, -1, np.int64)
         boxes = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
         box_of[self.index[::-1]] = boxes[::-1]
@@ -44,25 +46,25 @@ def points_in_boxes(
     yaw_rad: ArrayLike,
     margin_m: float = 0.0,
 ) -> PointsInBoxes:
-    """Points (N, 3) inside boxes of centre (B, 3), size l, w, h (B, 3) and yaw (B,), one frame.
+    """Find the points (N, 3) in boxes of centre (B, 3), size l, w, h (B, 3) and yaw (B,).
 
-    `margin_m` grows each side. Points are taken in float32: hand over a frame whose origin is
-    near, such as the ego frame.
+    All in one frame. `margin_m` extends every side. Points are converted to float32: use a frame
+    whose origin is near, such as the ego frame.
 
     Raises:
-        InputError: a shape is another, or the boxes are not as many as `yaw_rad`.
+        InputError: a shape is wrong, or the numbers of centres, sizes and yaws differ.
     """
     boxes = _boxes(centre_m, size_m, yaw_rad, margin_m)
     points = as_array("xyz_m", xyz_m, np.float32, (None, 3))
     if len(points) == 0 or len(boxes) == 0:
         return PointsInBoxes(np.zeros(0, np.int64), np.zeros(len(boxes) + 1, np.int64))
-    reach_m = float(np.max(np.abs(points[:, :2]))) + 1e-3
+    reach_m = float(np.max(np.abs(points[:, :2]))) + 1e-3  # the outermost points lie inside
     cell_m = max(_CELL_M, 2 * reach_m / np.sqrt(_MAX_CELLS))
-    index, start = _search(build_point_grid(points, cell_m, reach_m), boxes)
-    return PointsInBoxes(index, start)
+    return PointsInBoxes(*_search(build_point_grid(points, cell_m, reach_m), boxes))
 
 
 def _boxes(centre_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike, margin_m: float) -> F64:
+    """Return rows (8,) of centre, half sizes, cosine and sine of the yaw."""
     yaw = as_array("yaw_rad", yaw_rad, np.float64, (None,))
     centre = as_array("centre_m", centre_m, np.float64, (len(yaw), 3))
     half_m = as_array("size_m", size_m, np.float64, (len(yaw), 3)) / 2 + margin_m
@@ -72,22 +74,24 @@ def _boxes(centre_m: ArrayLike, size_m: ArrayLike, yaw_rad: ArrayLike, margin_m:
 @compiled
 def _search(grid: PointGrid, boxes: F64) -> tuple[I64, I64]:
     start = np.zeros(len(boxes) + 1, np.int64)
-    found = np.empty(len(grid.order) + 16, np.int64)
+    found = np.empty(len(grid.order) + 16, np.int64)  # grown where boxes overlap
     count = 0
     for b in range(len(boxes)):
         first = count
         reach_x = boxes[b, 3] * abs(boxes[b, 6]) + boxes[b, 4] * abs(boxes[b, 7])
         reach_y = boxes[b, 3] * abs(boxes[b, 7]) + boxes[b, 4] * abs(boxes[b, 6])
-        col_low = max(int((boxes[b, 0] - reach_x - grid.x_min_m) // grid.cell_m), 0)
-        col_high = min(int((boxes[b, 0] + reach_x - grid.x_min_m) // grid.cell_m), grid.cols - 1)
-        row_low = max(int((boxes[b, 1] - reach_y - grid.y_min_m) // grid.cell_m), 0)
-        row_high = min(int((boxes[b, 1] + reach_y - grid.y_min_m) // grid.cell_m), grid.rows - 1)
+        x_m, y_m = boxes[b, 0], boxes[b, 1]
+        col_low, col_high, row_low, row_high = cells_within(
+            grid, x_m - reach_x, x_m + reach_x, y_m - reach_y, y_m + reach_y
+        )
         if col_low <= col_high:
             for row in range(row_low, row_high + 1):
                 low = grid.start[row * grid.cols + col_low]
                 high = grid.start[row * grid.cols + col_high + 1]
                 if count + high - low > len(found):
-                    found = _grown(found, count + high - low)
+                    grown = np.empty(2 * (count + high - low), np.int64)
+                    grown[:count] = found[:count]
+                    found = grown
                 count = _collect(grid, boxes[b], (low, high), found, count)
         found[first:count] = np.sort(found[first:count])
         start[b + 1] = count
@@ -95,20 +99,8 @@ def _search(grid: PointGrid, boxes: F64) -> tuple[I64, I64]:
 
 
 @compiled
-def _grown(found: I64, needed: int) -> I64:
-    grown = np.empty(2 * needed, np.int64)
-    grown[: len(found)] = found
-    return grown
-
-
-@compiled
-def _collect(
-    grid: PointGrid,
-    box: F64,
-    span: tuple[int, int],
-    found: I64,
-    count: int,
-) -> int:
+def _collect(grid: PointGrid, box: F64, span: tuple[int, int], found: I64, count: int) -> int:
+    """Append the points of a span of the grid that lie in the box; return the new count."""
     for k in range(span[0], span[1]):
         dx = grid.xyz_m[k, 0] - box[0]
         dy = grid.xyz_m[k, 1] - box[1]

@@ -1,8 +1,8 @@
-"""Points sorted by square cell, for neighbour searches of a bounded radius.
+"""Points sorted into square cells for neighbour searches of bounded radius, and voxel thinning.
 
-A k-d tree spends most of its time descending. Points of a sweep are spread over a plane, the
-search radius is known beforehand, and a cell of that size needs no descent: the neighbours of a
-point lie in the 3 x 3 cells around it.
+A k-d tree spends most of its time descending. The points of a sweep are spread over a plane and the
+search radius is known beforehand, so a grid of cells of about that size needs no descent: the
+neighbours of a point lie in the cells around it.
 """
 
 from __future__ import annotations
@@ -36,11 +36,20 @@ class PointGrid(NamedTuple):
     cols: int
 
 
+class CellRange(NamedTuple):
+    """Rows and columns of a `PointGrid`, first and last included; empty if last < first."""
+
+    col_low: int
+    col_high: int
+    row_low: int
+    row_high: int
+
+
 def build_point_grid(xyz_m: F32, cell_m: float, reach_m: float = 60.0) -> PointGrid:
     """Sort `xyz_m` (N, 3) into cells of `cell_m` metres over [-reach_m, reach_m] in x and y.
 
     Raises:
-        InputError: the shape is another, or a cell size or reach is not positive.
+        InputError: `xyz_m` has another shape, or `cell_m` or `reach_m` is not positive.
     """
     points = np.array(as_array("xyz_m", xyz_m, np.float32, (None, 3)), order="C")
     if not cell_m > 0 or not reach_m > 0:
@@ -72,19 +81,31 @@ def _counting_sort(xyz_m: F32, low_m: float, cell_m: float, cells: int) -> tuple
     return order, start
 
 
+@compiled
+def cells_within(
+    grid: PointGrid, x_low_m: float, x_high_m: float, y_low_m: float, y_high_m: float
+) -> CellRange:
+    """Return the cells of the grid that meet a rectangle."""
+    return CellRange(
+        max(int((x_low_m - grid.x_min_m) // grid.cell_m), 0),
+        min(int((x_high_m - grid.x_min_m) // grid.cell_m), grid.cols - 1),
+        max(int((y_low_m - grid.y_min_m) // grid.cell_m), 0),
+        min(int((y_high_m - grid.y_min_m) // grid.cell_m), grid.rows - 1),
+    )
+
+
 @compiled(fastmath=True)
 def nearest(
     grid: PointGrid, x_m: float, y_m: float, z_m: float, gate_m: float
 ) -> tuple[int, float]:
-    """Sorted index and squared distance of the nearest point within `gate_m`; (-1, gate^2) if none.
+    """Return sorted index and squared 3-D distance of the nearest point within `gate_m`.
 
-    The distance is taken in three dimensions. The point's own row of cells comes first, then its
-    neighbours outwards; each is looked at as far as a nearer point could still lie in it.
+    (-1, gate_m^2) if there is none. The cell of the place comes first: it bounds the search. Then
+    come its row and the neighbouring rows outwards, each as far as a nearer point could lie in it.
     """
-    best, best_d2 = -1, gate_m * gate_m
     own_col, own_row = (x_m - grid.x_min_m) / grid.cell_m, (y_m - grid.y_min_m) / grid.cell_m
     middle = int(np.floor(own_row))
-    best, best_d2 = _nearest_in_cell(grid, (x_m, y_m, z_m), (best, best_d2))
+    best, best_d2 = _nearest_in_cell(grid, x_m, y_m, z_m, gate_m * gate_m)
     for step in range(2 * int(np.ceil(gate_m / grid.cell_m)) + 1):
         row = middle + ((step + 1) // 2 if step % 2 else -(step // 2))
         gap = max(row - own_row, own_row - row - 1, 0.0) * grid.cell_m
@@ -109,20 +130,58 @@ def nearest(
 
 @compiled(fastmath=True)
 def _nearest_in_cell(
-    grid: PointGrid, point_m: tuple[float, float, float], found: tuple[int, float]
+    grid: PointGrid, x_m: float, y_m: float, z_m: float, best_d2: float
 ) -> tuple[int, float]:
-    """The nearest point of the cell that holds `point_m`: it bounds what else is looked at."""
-    best, best_d2 = found
-    col = int(np.floor((point_m[0] - grid.x_min_m) / grid.cell_m))
-    row = int(np.floor((point_m[1] - grid.y_min_m) / grid.cell_m))
+    """Return the nearest point of the cell that holds a place, if nearer than `best_d2`."""
+    best = -1
+    col = int(np.floor((x_m - grid.x_min_m) / grid.cell_m))
+    row = int(np.floor((y_m - grid.y_min_m) / grid.cell_m))
     if not (0 <= col < grid.cols and 0 <= row < grid.rows):
         return best, best_d2
     cell = row * grid.cols + col
     for k in range(grid.start[cell], grid.start[cell + 1]):
-        dx = grid.xyz_m[k, 0] - point_m[0]
-        dy = grid.xyz_m[k, 1] - point_m[1]
-        dz = grid.xyz_m[k, 2] - point_m[2]
+        dx = grid.xyz_m[k, 0] - x_m
+        dy = grid.xyz_m[k, 1] - y_m
+        dz = grid.xyz_m[k, 2] - z_m
         d2 = dx * dx + dy * dy + dz * dz
         if d2 < best_d2:
             best, best_d2 = k, d2
     return best, best_d2
+
+
+def first_in_voxel(xyz_m: F32, voxel_m: float) -> I64:
+    """Return the ascending indices of the first point of (N, 3) in each cube of `voxel_m` metres.
+
+    Points farther than 2^20 voxels from the origin may share the voxel of another one.
+
+    Raises:
+        InputError: `xyz_m` has another shape.
+    """
+    return _first(np.array(as_array("xyz_m", xyz_m, np.float32, (None, 3))), voxel_m)
+
+
+@compiled
+def _first(xyz_m: F32, voxel_m: float) -> I64:
+    """Fill a hash table of voxels (open addressing, at most half full)."""
+    size = 1
+    while size < 2 * len(xyz_m) + 1:
+        size *= 2
+    table = np.full(size, -1, np.int64)
+    first = np.empty(len(xyz_m), np.int64)
+    count = 0
+    per_voxel = 1.0 / voxel_m
+    for i in range(len(xyz_m)):
+        # 21 bits for each coordinate of the voxel, shifted to be positive
+        x = np.int64(np.floor(xyz_m[i, 0] * per_voxel)) + (1 << 20)
+        y = np.int64(np.floor(xyz_m[i, 1] * per_voxel)) + (1 << 20)
+        z = np.int64(np.floor(xyz_m[i, 2] * per_voxel)) + (1 << 20)
+        key = (x << 42) | (y << 21) | z
+        # Fibonacci hashing: a multiplier near 2^64 / golden ratio spreads neighbouring keys
+        slot = ((key * 0x9E3779B97F4A7C1) >> 20) & (size - 1)
+        while table[slot] != -1 and table[slot] != key:
+            slot = (slot + 1) & (size - 1)
+        if table[slot] == -1:
+            table[slot] = key
+            first[count] = i
+            count += 1
+    return first[:count].copy()

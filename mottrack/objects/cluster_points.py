@@ -1,4 +1,4 @@
-"""The points of a sweep that stand for objects, and their grouping by cluster; compiled."""
+"""Points of a sweep that may belong to objects, and their grouping by cluster (compiled)."""
 
 from __future__ import annotations
 
@@ -11,8 +11,23 @@ from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.sweep import Sweep
 
 
+class PointLimits(NamedTuple):
+    """Which points of a sweep are clustered."""
+
+    low_m: float
+    """Lowest height above ground."""
+    high_m: float
+    """Highest height above ground."""
+    near_m: float
+    """Shortest range: nearer points lie on the vehicle."""
+    reach_m: float
+    """Half the side of the square around the vehicle, in its axes."""
+    cell_m: float
+    """Side of a cell of the grid."""
+
+
 class KeptPoints(NamedTuple):
-    """Points within the height band, with the cell they fall into."""
+    """Points within the limits, with the cell they fall into."""
 
     xyz_m: F64
     """(M, 3) x, y from the grid's corner, z in the world frame."""
@@ -38,32 +53,27 @@ class ClusterPoints(NamedTuple):
 
 
 def kept_points(
-    sweep: Sweep,
-    height_m: F64,
-    corner_m: F64,
-    limits: tuple[float, float, float, float, float],
-    cells: int,
+    sweep: Sweep, height_m: F64, corner_m: F64, limits: PointLimits, cells: int
 ) -> KeptPoints:
-    """Points with a height in the band, off the vehicle and inside a square around it.
+    """Return the points within the limits and the grid.
 
-    `height_m` (N,) above ground; `corner_m` (2,) world position of the grid's corner; `limits` are
-    lowest and highest height, least range, half the side of the square, in the axes of the vehicle,
-    and side of a cell (all in metres); the grid has `cells` per side.
+    Args:
+        sweep: N points.
+        height_m: (N,) height above ground.
+        corner_m: (2,) world position of the grid's corner.
+        limits: which points are kept.
+        cells: per side of the grid.
     """
-    pose = sweep.world_T_ego
-    offset_m = pose.translation_m - np.append(corner_m, 0.0)
-    return KeptPoints(*_kept(sweep.xyz_m, height_m, (pose.rotation, offset_m), limits, cells))
+    grid_T_ego = sweep.world_T_ego.matrix
+    grid_T_ego[:2, 3] -= corner_m
+    return _kept(sweep.xyz_m, height_m, grid_T_ego, limits, cells)
 
 
 @compiled
 def _kept(
-    xyz_m: F32,
-    height_m: F64,
-    pose: tuple[F64, F64],
-    limits: tuple[float, float, float, float, float],
-    cells: int,
-) -> tuple[F64, I64, I64]:
-    rotation, offset_m = pose
+    xyz_m: F32, height_m: F64, grid_T_ego: F64, limits: PointLimits, cells: int
+) -> KeptPoints:
+    rotation, offset_m = grid_T_ego[:3, :3], grid_T_ego[:3, 3]
     low, high, near, reach_m, cell_m = limits
     moved = np.empty((len(xyz_m), 3))
     row, column = np.empty(len(xyz_m), np.int64), np.empty(len(xyz_m), np.int64)
@@ -83,21 +93,21 @@ def _kept(
             moved[count, 2] = up
             row[count], column[count] = r, c
             count += 1
-    return moved[:count].copy(), row[:count].copy(), column[:count].copy()
+    return KeptPoints(moved[:count].copy(), row[:count].copy(), column[:count].copy())
 
 
 def group_points(points: KeptPoints, cluster: I64, clusters: int, min_points: int) -> ClusterPoints:
-    """Sorts points by `cluster` (M,) in 0..clusters-1, leaving out clusters that are too small."""
+    """Sort points by `cluster` (M,) in 0..clusters-1; drop clusters below `min_points`."""
     sizes = np.bincount(cluster, minlength=clusters)
     kept = sizes >= min_points
     dense = np.where(kept, np.cumsum(kept) - 1, -1)
     start = np.concatenate([[0], np.cumsum(sizes[kept])]).astype(np.int64)
-    return ClusterPoints(*_grouped(points, dense[cluster], start))
+    return _grouped(points, dense[cluster], start)
 
 
 @compiled
-def _grouped(points: KeptPoints, cluster: I64, start: I64) -> tuple[F64, I64, F64, F64, F64]:
-    """The fields of ClusterPoints; points of cluster -1 are left out."""
+def _grouped(points: KeptPoints, cluster: I64, start: I64) -> ClusterPoints:
+    """Group points; those of cluster -1 are left out."""
     groups = len(start) - 1
     fill = start[:-1].copy()
     xy_m = np.empty((start[-1], 2))
@@ -115,12 +125,12 @@ def _grouped(points: KeptPoints, cluster: I64, start: I64) -> tuple[F64, I64, F6
             total[g] += share
             mean_m[g, 0] += share * x
             mean_m[g, 1] += share * y
-    return xy_m, start, bottom_m, top_m, mean_m / total.reshape(-1, 1)
+    return ClusterPoints(xy_m, start, bottom_m, top_m, mean_m / total.reshape(-1, 1))
 
 
 @compiled
 def _cell_weights(row: I64, column: I64) -> F64:
-    """One over the number of points in each cell that has any."""
+    """Return 1 / (number of points) of each cell."""
     if len(row) == 0:
         return np.zeros((1, 1))
     weight = np.zeros((np.max(row) + 1, np.max(column) + 1))

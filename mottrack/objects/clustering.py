@@ -1,4 +1,4 @@
-"""Connected components of an occupancy grid, kept apart and together by a detector's boxes."""
+"""Connected components of an occupancy grid, constrained by a detector's boxes."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from scipy import ndimage
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
 
+# cells that touch by a corner are connected: walls seen at an angle fall into a chain of corners
 _EIGHT_NEIGHBOURS = np.ones((3, 3), np.bool_)
 
 
 class CellLabels(NamedTuple):
-    """The component of every occupied cell."""
+    """Component of every occupied cell."""
 
     row: I64
     """(C,) occupied cells, in order of rows, then columns."""
@@ -25,18 +26,18 @@ class CellLabels(NamedTuple):
     number: int
 
     def of(self, row: I64, column: I64, shape: tuple[int, ...]) -> I64:
-        """Labels of these cells, all of them occupied, of a grid of that shape."""
+        """Return the labels of these cells, all of them occupied, of a grid of that shape."""
         image = np.empty(shape, np.int64)
         image[self.row, self.column] = self.label
         return image[row, column]
 
 
 def component_labels(occupied: Mask, owner: I64 | None = None, join_cells: int = 0) -> CellLabels:
-    """Components of the occupied cells (H, W).
+    """Label the components of the occupied cells (H, W).
 
     Free cells (`owner` -1) are joined with their eight neighbours. Cells of a detector's mask
-    (`owner` >= 0) are one cluster per box however many pieces they have, and never join the cells
-    outside: so touching objects are separated and one object is not split (section V-A). Outside,
+    (`owner` >= 0) are one cluster per box, in however many pieces, and never join the cells
+    outside: touching objects are separated and one object is not split (section V-A). Outside,
     gaps of up to `2 * join_cells` empty cells are bridged.
     """
     row, column = np.nonzero(occupied)
@@ -51,10 +52,10 @@ def component_labels(occupied: Mask, owner: I64 | None = None, join_cells: int =
 
 
 def split_large(cells: CellLabels, tile: int, corner: tuple[int, int]) -> CellLabels:
-    """Cuts components longer than twice `tile` cells into tiles that are fixed to the world.
+    """Cut components longer than twice `tile` cells into tiles that are fixed to the world.
 
-    A wall of 60 m is not one object, its hull would cover the cars before it, and its visible part
-    slides along with the vehicle. `corner` is the world cell (row, column) of the grid's first.
+    A wall of 60 m is not one object: its hull would cover the cars before it, and its visible part
+    moves along with the vehicle. `corner` is the world cell (row, column) of the grid's first.
     """
     large = np.zeros(cells.number, np.bool_)
     for axis in (cells.row, cells.column):
@@ -74,13 +75,13 @@ def split_large(cells: CellLabels, tile: int, corner: tuple[int, int]) -> CellLa
 
 
 def _dense(label: I64) -> tuple[I64, int]:
-    """The same partition with labels 0..n-1, in the order of the labels, and n."""
+    """Return the same partition with labels 0..n-1, in the order of the labels, and n."""
     kept, fresh = np.unique(label, return_inverse=True)
     return fresh.reshape(-1), len(kept)
 
 
 def _grown(mask: Mask, cells: int) -> Mask:
-    """Dilation by a square of `2 * cells + 1` cells, an axis after the other."""
+    """Dilate by a square of `2 * cells + 1` cells, one axis after the other."""
     grown = mask.copy()
     for shift in range(1, cells + 1):
         grown[shift:] |= mask[:-shift]
@@ -94,10 +95,10 @@ def _grown(mask: Mask, cells: int) -> Mask:
 
 @compiled
 def box_mask(boxes: F64, shape: tuple[int, int], cell_m: float) -> I64:
-    """(H, W) index of the box whose rectangle holds a cell's centre, -1 where none does.
+    """Return (H, W) the index of the box that contains a cell's centre, -1 where none does.
 
     `boxes` (B, 5): centre x, y from the grid's corner, length, width, heading. Where rectangles
-    overlap, the cell goes to the box that it lies deepest in.
+    overlap, the cell belongs to the box in which it lies deepest.
     """
     owner = np.full(shape, -1, np.int64)
     depth = np.full(shape, -np.inf)

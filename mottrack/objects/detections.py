@@ -1,4 +1,4 @@
-"""Objects as a detector reports them."""
+"""The detections of a data set as objects."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
+from mottrack.core.interfaces import ObjectSourceBase
 from mottrack.core.objects import Objects
 from mottrack.core.sweep import Sweep
 
 
 class DetectionsConfig(StrictModel):
-    """Which detections are handed to the tracker."""
+    """Which detections the tracker receives."""
 
     min_score: float = Field(default=-1e9, description="detections below this score are dropped")
-    classes: tuple[str, ...] | None = Field(default=None, description="None: every class")
+    classes: tuple[str, ...] | None = Field(default=None, description="null: every class")
 
 
-class DetectionSource:
-    """Passes the data set's detections on."""
+class DetectionSource(ObjectSourceBase):
+    """The data set's detections."""
 
     Config = DetectionsConfig
     needs_sweeps = False
@@ -30,11 +31,12 @@ class DetectionSource:
         self.config = config or DetectionsConfig()
 
     def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
-        """The frame's detections, world frame.
+        """Return the frame's detections, world frame.
 
         Raises:
             InputError: the data set has no detections.
         """
+        del sweep  # detections alone
         if frame.detections is None:
             raise InputError("detections", "absent", "a data set with detections, or clusters")
         found = frame.detections
@@ -42,6 +44,3 @@ class DetectionSource:
         if self.config.classes is not None:
             keep &= np.isin(found.label, self.config.classes)
         return found if keep.all() else found.select(keep)
-
-    def reset(self) -> None:
-        """Nothing to forget."""

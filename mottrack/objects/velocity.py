@@ -1,4 +1,4 @@
-"""From a flow field to one velocity for each object.
+"""Velocity of each object from a flow field.
 
 "The object level velocity is approximated by the mean flow vector of all the BeV grids within the
 detected bounding box boundary" (section IV-D). For filtered grids "a weighted aggregation ... based
@@ -7,7 +7,7 @@ on the occupancy probability of the cell" (section V-B).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -17,28 +17,30 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import F32, F64, I64
 from mottrack.core.errors import InputError
 from mottrack.core.motion import FlowField, VelocityMeasurement
-from mottrack.core.objects import Boxes
-from mottrack.objects.footprints import footprints
+from mottrack.core.objects import Boxes, Objects, Tracks
+
+SHORTEST_M = 1e-12
+"""Length of an edge between equal corners, which is divided by."""
 
 
 class VelocityConfig(StrictModel):
-    """How the cells of an object become one measurement."""
+    """How the cells of an object are aggregated to one measurement."""
 
     rule: Literal["mean", "weighted"] = Field(
-        "mean", description="every valid cell counts the same, or by its occupancy probability"
+        "mean", description="valid cells count equally, or by their occupancy probability"
     )
     margin_m: float = Field(0.0, ge=0, description="boxes grow by this on each side")
-    min_cells: int = Field(1, ge=1, description="fewer valid cells are no measurement")
+    min_cells: int = Field(1, ge=1, description="objects with fewer valid cells have no velocity")
     correlated_cells: float = Field(
-        4.0, ge=1, description="cells that share one error: a source's errors are not independent"
+        4.0, ge=1, description="cells that share one error: errors of neighbours are correlated"
     )
-    floor_mps: float = Field(0.1, gt=0, description="least standard deviation")
+    floor_mps: float = Field(0.1, gt=0, description="lower bound of the standard deviation")
 
 
 def measure_velocity(
     field: FlowField, boxes: Boxes, config: VelocityConfig | None = None
 ) -> VelocityMeasurement:
-    """One velocity for each of N boxes, which are in the ego frame of the field, in its axes.
+    """Measure one velocity for each of N boxes in the ego frame of the field, in its axes.
 
     mean = sum w v / sum w over the occupied and valid cells whose centre is inside the footprint
     (the box, or the hull of a cluster);
@@ -55,18 +57,34 @@ def measure_velocity(
     grid = field.grid
     sums = _sums(
         *footprints(boxes, config.margin_m, grid.cell_m),
-        (
+        _Cells(
             np.where(field.valid & field.occupied, weight, np.float32(0)),
             np.array(field.velocity_mps),
             np.array(field.covariance_m2ps2),
+            grid.x_min_m,
+            grid.y_min_m,
+            grid.cell_m,
         ),
-        (grid.x_min_m, grid.y_min_m, grid.cell_m),
     )
     return _measurement(sums, config)
 
 
+class _Cells(NamedTuple):
+    """A flow field as compiled code reads it: writable arrays of one memory layout."""
+
+    weight: F32
+    """(H, W) 0 where the cell does not count."""
+    velocity_mps: F32
+    """(H, W, 2)."""
+    covariance_m2ps2: F32
+    """(H, W, 2, 2)."""
+    x_min_m: float
+    y_min_m: float
+    cell_m: float
+
+
 def _measurement(sums: F64, config: VelocityConfig) -> VelocityMeasurement:
-    """From sums per box (N, 11): w, w^2, w v, w v v^T (xx, xy, yy), w C (xx, xy, yy), cells."""
+    """Make the measurement from the sums (N, 11) of `_sums`."""
     total = np.where(sums[:, 0] > 0, sums[:, 0], 1.0)
     mean = sums[:, 2:4] / total[:, None]
     second = _symmetric(sums[:, 4:7] / total[:, None])
@@ -85,18 +103,18 @@ def _symmetric(entries: F64) -> F64:
 
 
 @compiled
-def _sums(
-    edges: F64,
-    start: I64,
-    cells: tuple[F32, F32, F32],
-    extent: tuple[float, float, float],
-) -> F64:
-    """Weighted sums of velocity and covariance over the cells inside each footprint.
+def _sums(edges: F64, start: I64, cells: _Cells) -> F64:
+    """Sum velocities v and covariances C, weighted by w, over the cells inside each footprint.
 
-    `cells` are weight, velocity and covariance of the grid; see `footprints` for the first two.
+    Returns (N, 11): w, w^2, w v (x, y), w v v^T (xx, xy, yy), w C (xx, xy, yy), number of cells.
+    `edges` and `start` are those of `footprints`.
     """
-    weight, velocity_mps, covariance_m2ps2 = cells
-    x_min_m, y_min_m, cell_m = extent
+    weight, velocity_mps, covariance_m2ps2 = (
+        cells.weight,
+        cells.velocity_mps,
+        cells.covariance_m2ps2,
+    )
+    x_min_m, y_min_m, cell_m = cells.x_min_m, cells.y_min_m, cells.cell_m
     rows, cols = weight.shape
     sums = np.zeros((len(start) - 1, 11))
     for b in range(len(start) - 1):
@@ -132,3 +150,55 @@ def _inside(edges: F64, first: int, last: int, x: float, y: float) -> bool:
     for e in range(first, last):
         outside_m = max(outside_m, edges[e, 0] * x + edges[e, 1] * y - edges[e, 2])
     return outside_m <= 0.0
+
+
+def footprints(boxes: Boxes, margin_m: float, cell_m: float) -> tuple[F64, I64]:
+    """Return the edges of N convex footprints, and the first edge of each (N + 1,).
+
+    A footprint is the ground area of a box, or the hull of a cluster, grown by `margin_m`. A row
+    (7,) of the edges: outward normal (x, y) and offset, where a point p is inside if
+    `normal @ p <= offset` for all edges; then the footprint's bounds (low x, high x, low y,
+    high y). A box thinner than a cell still covers the cells along its axis; a hull grows by half
+    a cell, since its corners are points, not cells. A hull may be clockwise or not; one with fewer
+    than three corners is replaced by the box.
+    """
+    hull = boxes.hull if isinstance(boxes, Objects | Tracks) else None
+    if hull is None:
+        return _edges(_box_corners(boxes, margin_m, cell_m), np.arange(len(boxes) + 1) * 4, 0.0)
+    if any(len(corners) < 3 for corners in hull):
+        box = _box_corners(boxes, 0.0, 0.0).reshape(-1, 4, 2)
+        hull = tuple(h if len(h) >= 3 else b for h, b in zip(hull, box, strict=True))
+    start = np.concatenate([[0], np.cumsum([len(corners) for corners in hull])]).astype(np.int64)
+    corners = np.concatenate(hull) if hull else np.zeros((0, 2))
+    return _edges(corners, start, margin_m + cell_m / 2)
+
+
+def _box_corners(boxes: Boxes, margin_m: float, cell_m: float) -> F64:
+    """Return (4 N, 2) corners, counter-clockwise, box after box."""
+    half_m = np.maximum(boxes.size_m[:, :2] / 2 + margin_m, cell_m / np.sqrt(2))
+    along = half_m[:, :1] * np.array([1.0, -1.0, -1.0, 1.0])
+    across = half_m[:, 1:] * np.array([1.0, 1.0, -1.0, -1.0])
+    cos, sin = np.cos(boxes.yaw_rad)[:, None], np.sin(boxes.yaw_rad)[:, None]
+    x = boxes.centre_m[:, :1] + along * cos - across * sin
+    y = boxes.centre_m[:, 1:2] + along * sin + across * cos
+    return np.stack([x, y], axis=2).reshape(-1, 2)
+
+
+def _edges(corners: F64, start: I64, grow_m: float) -> tuple[F64, I64]:
+    following = np.arange(1, len(corners) + 1)
+    following[start[1:] - 1] = start[:-1]
+    side = corners[following] - corners
+    length = np.maximum(np.hypot(side[:, 0], side[:, 1]), SHORTEST_M)
+    normal = np.stack([side[:, 1], -side[:, 0]], axis=1) / length[:, None]
+    owner = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    if len(corners):
+        about = corners - corners[start[:-1]][owner]
+        area = np.add.reduceat(about[:, 0] * side[:, 1] - about[:, 1] * side[:, 0], start[:-1])
+        normal[(area < 0.0)[owner]] *= -1.0
+    offset = np.einsum("ei,ei->e", normal, corners) + grow_m
+    bounds = np.zeros((len(start) - 1, 4))
+    if len(corners):
+        for axis in (0, 1):
+            bounds[:, 2 * axis] = np.minimum.reduceat(corners[:, axis], start[:-1]) - grow_m
+            bounds[:, 2 * axis + 1] = np.maximum.reduceat(corners[:, axis], start[:-1]) + grow_m
+    return np.column_stack([normal, offset, bounds[owner]]), start

@@ -13,7 +13,7 @@ from mottrack.core.snapshot import ObjectTable
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval.velocity_error import VelocityErrorConfig
 from mottrack.geometry.iou import bev_intersection, boxes7
-from mottrack.runs.stored_scene import StoredScene
+from mottrack.runs.run_folder import StoredScene
 
 RUN_COLOURS = ("#2563eb", "#c2410c")
 TRUTH_COLOUR, POINT_COLOUR, VEHICLE_COLOUR = "#111827", "#94a3b8", "#64748b"

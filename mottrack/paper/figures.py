@@ -14,7 +14,7 @@ from mottrack.paper.ball_figure import draw_ball
 from mottrack.paper.plan import WORLD
 from mottrack.paper.published import ICP, LABELS, NONE, OGM, PILLARFLOW
 from mottrack.paper.results import Results, StudyResult
-from mottrack.runs.stored_scene import StoredScene
+from mottrack.runs.run_folder import StoredScene
 from mottrack.viz.flow_comparison import FlowPanel, flow_comparison
 from mottrack.viz.tracker_integration import IntegrationPanel, draw_integration
 

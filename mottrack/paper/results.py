@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64, I64
+from mottrack.core.processes import available_cores
 from mottrack.core.result import SceneResult
 from mottrack.core.storage import write_text
 from mottrack.eval.paired import (
@@ -30,10 +31,11 @@ from mottrack.eval.paired import (
 from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, verdict_of
 from mottrack.paper.plan import Study
-from mottrack.runs.differences import Resamples, RunInput, sample_runs
+from mottrack.runs.differences import Resamples, sample_runs
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Job, RunReport, run_jobs
-from mottrack.runs.workers import Progress, available_cores
+from mottrack.runs.scored_run import ScoredRun
+from mottrack.runs.workers import Progress
 
 WARM_UP_FRAMES = 3
 """The first flows of a scene compile and allocate; they are left out of the runtime."""
@@ -155,31 +157,25 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
         for variant, report in own.items()
         for scene, reason in report.failed.items()
     }
-    run_inputs = [
-        RunInput(
-            run.variant,
-            study.dataset,
-            own[run.variant].finished,
-            folders[run.variant].load,
-            run.settings.scores,
-        )
+    runs = [
+        ScoredRun(run, folders[run.variant], own[run.variant])
         for run in study.runs
         if own[run.variant].finished
     ]
-    return StudyResult(study, _sampling(study.name, run_inputs), failed, folders)
+    return StudyResult(study, _sampling(study.name, runs), failed, folders)
 
 
-def _sampling(name: str, run_inputs: Sequence[RunInput]) -> Resamples:
-    if not run_inputs or name == BALL:
+def _sampling(name: str, runs: Sequence[ScoredRun]) -> Resamples:
+    if not runs or name == BALL:
         return Resamples(())
-    return _sample_times(run_inputs) if name == RUNTIME else sample_runs(run_inputs)
+    return _sample_times(runs) if name == RUNTIME else sample_runs(runs)
 
 
-def _sample_times(run_inputs: Sequence[RunInput]) -> Resamples:
-    first = run_inputs[0].finished
-    scenes = tuple(s for s in first if all(s in c.finished for c in run_inputs))
+def _sample_times(runs: Sequence[ScoredRun]) -> Resamples:
+    first = runs[0].finished
+    scenes = tuple(s for s in first if all(s in c.finished for c in runs))
     weights = draw(max(len(scenes), 1), RESAMPLES)
-    figures = {c.title: flow_times([c.load(s) for s in scenes], weights) for c in run_inputs}
+    figures = {c.title: flow_times([c.load(s) for s in scenes], weights) for c in runs}
     return Resamples(scenes, figures)
 
 

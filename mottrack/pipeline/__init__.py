@@ -1,1 +1,1 @@
-"""The chain from sweeps to tracks: one scene, frame by frame."""
+"""Processing of one scene, frame by frame: from sweeps to tracks."""

@@ -1,4 +1,4 @@
-"""Collects, cell by cell, what a flow source said and what was true."""
+"""Samples of estimated and true flow, cell by cell."""
 
 from __future__ import annotations
 
@@ -15,18 +15,22 @@ from mottrack.core.tables import FlowSamples
 from mottrack.experiment.settings import Settings
 from mottrack.flow.ground_truth import GroundTruthFlow
 from mottrack.lidar.in_boxes import PointsInBoxes, points_in_boxes
-from mottrack.pipeline.stream import Step
+from mottrack.pipeline.stream import Pair, Step
 
 MARGIN_M = 0.15
+"""Boxes grow by this: labels are tight, and their position is off by a few centimetres."""
 FEWEST_POINTS = 5
+"""Of an observable object: fewer returns are not enough for any method to match."""
+TRUTH_FRAMES = 8
+"""Recent frames whose truth is kept: 0.4 s at 20 Hz, more than the longest `pair_s` (0.3 s)."""
 
 
 @dataclass
 class FlowSampler:
     """Compares fields with the truth that ``GroundTruthFlow`` makes of annotated tracks.
 
-    A cell is observable when the object in it was hit at least five times in both sweeps, or
-    when no object is in it: what was hit in one sweep only can't be matched by anyone.
+    A cell is observable when the object in it was hit at least `FEWEST_POINTS` times in both
+    sweeps, or when no object is in it: no method can match an object that was hit in one sweep.
     """
 
     truth_flow: GroundTruthFlow
@@ -37,29 +41,30 @@ class FlowSampler:
 
     @classmethod
     def of(cls, settings: Settings, *, has_sweeps: bool) -> FlowSampler:
-        """A judge for one scene; it does nothing where the experiment wants no flow scores."""
+        """Make a sampler for one scene; disabled where the experiment wants no flow scores."""
         truth_flow = GroundTruthFlow(grid=settings.grid.grid())
         return cls(truth_flow, settings.flow_sample_limit, settings.score_flow and has_sweeps)
 
     def observe(self, frame: Frame) -> None:
-        """Takes in the truth of every frame, in order."""
+        """Receive the truth of every frame, in order."""
         self.truth_flow.observe(frame)
         if frame.truth is not None:
-            self._truth = dict([*self._truth.items(), (frame.stamp_ns, frame.truth)][-8:])
+            self._truth = dict(
+                [*self._truth.items(), (frame.stamp_ns, frame.truth)][-TRUTH_FRAMES:]
+            )
 
-    def judge(self, frame: Frame, step: Step, key_index: int) -> None:
-        """Keeps the cells of one field whose truth is known.
+    def collect(self, frame: Frame, step: Step, key_index: int) -> None:
+        """Keep the cells of one field whose truth is known.
 
         Args:
             frame: the current frame.
-            step: what the pipeline made of it.
+            step: the pipeline's results for it.
             key_index: row of the frame in the scene's FrameTable.
         """
         field, pair = step.field, step.pair
         if not self.enabled or field is None or pair is None or frame.truth is None:
             return
-        previous, current = pair
-        true_field = self.truth_flow.estimate(previous, current)
+        true_field = self.truth_flow.estimate(pair.previous, pair.current)
         known = field.occupied & true_field.valid
         if frame.labelled_azimuth_rad is not None:
             known &= _between(field.grid.centres_m(), frame.labelled_azimuth_rad)
@@ -71,7 +76,9 @@ class FlowSampler:
                 xy_m=field.grid.centres_m()[rows, columns].astype(np.float32),
                 estimate_mps=field.velocity_mps[rows, columns],
                 truth_mps=true_mps,
-                dt_s=np.full(len(rows), seconds_between(previous.stamp_ns, current.stamp_ns)),
+                dt_s=np.full(
+                    len(rows), seconds_between(pair.previous.stamp_ns, pair.current.stamp_ns)
+                ),
                 valid=field.valid[rows, columns],
                 dynamic=np.hypot(true_mps[:, 0], true_mps[:, 1]) > 0,
                 observable=self._observable(field, frame.truth, pair)[rows, columns],
@@ -79,20 +86,19 @@ class FlowSampler:
         )
 
     def samples(self) -> FlowSamples:
-        """Everything collected, in order of time."""
+        """Return everything collected, in order of time."""
         return FlowSamples.stacked(self._parts)
 
-    def _observable(self, field: FlowField, truth: Truth, pair: tuple[Sweep, Sweep]) -> Mask:
-        """(H, W) whether the object in the cell, if any, was hit often enough in both sweeps."""
-        previous, current = pair
-        inside = _hits(current, truth)
+    def _observable(self, field: FlowField, truth: Truth, pair: Pair) -> Mask:
+        """Return (H, W) whether the cell's object, if any, was hit often enough in both sweeps."""
+        inside = _hits(pair.current, truth)
         seen = np.diff(inside.start) >= FEWEST_POINTS
-        before = self._truth.get(previous.stamp_ns)
+        before = self._truth.get(pair.previous.stamp_ns)
         if before is not None:
-            seen_before = np.diff(_hits(previous, before).start) >= FEWEST_POINTS
+            seen_before = np.diff(_hits(pair.previous, before).start) >= FEWEST_POINTS
             seen &= np.isin(truth.id, before.id[seen_before])
-        object_of = inside.first_box(len(current))
-        rows, columns, in_grid = field.grid.cells(current.xyz_m)
+        object_of = inside.first_box(len(pair.current))
+        rows, columns, in_grid = field.grid.cells(pair.current.xyz_m)
         unseen = in_grid & (object_of >= 0) & ~np.append(seen, True)[object_of]
         observable = np.ones(field.grid.shape, dtype=np.bool_)
         observable[rows[unseen], columns[unseen]] = False
@@ -111,7 +117,7 @@ def _hits(sweep: Sweep, truth: Truth) -> PointsInBoxes:
 
 
 def _at_most(cells: tuple[I64, ...], limit: int) -> tuple[I64, I64]:
-    """Rows and columns, evenly thinned to at most ``limit``."""
+    """Return rows and columns, evenly thinned to at most ``limit``."""
     n = len(cells[0])
     index = np.arange(n) if n <= limit else np.linspace(0, n - 1, limit).astype(np.int64)
     return cells[0][index], cells[1][index]

@@ -1,18 +1,62 @@
-"""Does the pipeline keep up with its sensor, and if not, which stage is to blame?"""
+"""Latency of the pipeline's stages against the period of the sensor."""
 
 from __future__ import annotations
 
+import time
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError, ResultError
+from mottrack.core.timing import collect_timings
+from mottrack.formats.text_table import aligned
 
 TOTAL = "total"
+ORDER = ("flow", "objects", "velocity", "tracker")
+"""Stages in the order of a step."""
+
+
+class Stopwatch:
+    """Accumulates the wall time of named stages: per key frame, and per lap."""
+
+    def __init__(self) -> None:
+        self._frames: list[dict[str, float]] = [{}]
+        self._lap: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time a ``with`` block as ``stage``, and its parts as ``stage.part``."""
+        start = time.perf_counter()
+        with collect_timings(lambda part, seconds: _add(self._lap, f"{stage}.{part}", seconds)):
+            yield
+        seconds = time.perf_counter() - start
+        _add(self._frames[-1], stage, seconds)
+        _add(self._lap, stage, seconds)
+
+    def lap(self) -> dict[str, float]:
+        """Return seconds by stage, and by part of a stage, since the last lap; start a new one."""
+        lap, self._lap = self._lap, {}
+        return lap
+
+    def next_frame(self) -> None:
+        """Start the next key frame."""
+        self._frames.append({})
+
+    def seconds(self) -> dict[str, F64]:
+        """Return per stage (T,) seconds of each finished key frame; 0 where it did not run."""
+        frames = self._frames[:-1]
+        stages = dict.fromkeys(stage for frame in frames for stage in frame)
+        return {s: np.array([frame.get(s, 0.0) for frame in frames]) for s in stages}
+
+
+def _add(totals: dict[str, float], name: str, seconds: float) -> None:
+    totals[name] = totals.get(name, 0.0) + seconds
 
 
 @dataclass(frozen=True)
@@ -27,10 +71,19 @@ class StageLatency:
 
     @classmethod
     def of(cls, seconds: list[float]) -> StageLatency:
-        """The figures of at least one measured time."""
+        """Summarise at least one measured time."""
         ms = 1e3 * np.array(seconds)
         p50, p99 = np.percentile(ms, (50, 99))
         return cls(len(ms), float(ms.mean()), float(p50), float(p99), float(ms.max()))
+
+
+@dataclass(frozen=True)
+class Bottleneck:
+    """The stage that took most time in the steps over budget (in all of them, if none was)."""
+
+    stage: str
+    share: float
+    """Of the time of those steps."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +93,13 @@ class LatencyReport:
     budget_ms: float
     """Time between two sweeps."""
     steps: int
-    """Steps that are counted; those of the warm-up are not."""
+    """Number of steps, without those of the warm-up."""
     stages: dict[str, StageLatency]
     """By stage, a part of one as ``stage.part``; ``total`` is the whole step."""
     over_budget: int
-    """Steps that took longer than the budget."""
-    blame: str | None
-    """Stage that took most time in the steps over budget (in all of them, where none was)."""
-    blame_share: float
-    """Its share of the time of those steps."""
+    """Number of steps that took longer than the budget."""
+    bottleneck: Bottleneck | None
+    """None before the first step beyond the warm-up."""
     warm_up_ms: dict[str, float]
     """By stage, the steps in which some stage ran for the first time: compiling, loading."""
 
@@ -58,24 +109,23 @@ class LatencyReport:
         return self.over_budget / self.steps if self.steps else 0.0
 
     def __str__(self) -> str:
-        rows = [f"{'ms':16}{'mean':>9}{'p50':>9}{'p99':>9}{'max':>9}{'steps':>8}{'warm-up':>9}"]
+        rows = [["ms", "mean", "p50", "p99", "max", "steps", "warm-up"]]
         for name, s in self.stages.items():
-            shown = name if "." not in name else "  of it " + name.partition(".")[2]
-            warm_up = self.warm_up_ms.get(name, 0.0)
-            rows.append(
-                f"{shown:16}{s.mean_ms:9.2f}{s.p50_ms:9.2f}{s.p99_ms:9.2f}{s.max_ms:9.2f}"
-                f"{s.steps:8}{warm_up:9.0f}"
-            )
-        return "\n".join([*rows, self.verdict])
+            stage, _, part = name.partition(".")
+            times = [f"{ms:.2f}" for ms in (s.mean_ms, s.p50_ms, s.p99_ms, s.max_ms)]
+            warm_up = f"{self.warm_up_ms.get(name, 0.0):.0f}"
+            rows.append([f"  of it {part}" if part else stage, *times, str(s.steps), warm_up])
+        return f"{aligned(rows)}\n{self.summary}"
 
     @property
-    def verdict(self) -> str:
+    def summary(self) -> str:
         """Whether the budget was kept, and where the time went, in one line."""
-        if self.blame is None:
+        if self.bottleneck is None:
             return f"budget {self.budget_ms:.0f} ms: no step yet beyond the warm-up"
         return (
             f"budget {self.budget_ms:.0f} ms: {self.over_budget} of {self.steps} steps over it "
-            f"({self.over_budget_share:.1%}); most time in {self.blame} ({self.blame_share:.0%})"
+            f"({self.over_budget_share:.1%}); most time in {self.bottleneck.stage} "
+            f"({self.bottleneck.share:.0%})"
         )
 
 
@@ -92,10 +142,10 @@ class StepTimes:
 
     @classmethod
     def of(cls, stored: Mapping[str, Any], source: Path) -> Self:
-        """What `as_dict` made; ``source`` names the file in errors.
+        """Read what `as_dict` made; ``source`` names the file in errors.
 
         Raises:
-            ResultError: something else.
+            ResultError: it is something else.
         """
         try:
             period_s, warm_up_s = float(stored["period_s"]), dict(stored["warm_up_s"])
@@ -105,37 +155,39 @@ class StepTimes:
 
     @classmethod
     def joined(cls, parts: Sequence[StepTimes]) -> Self:
-        """Of several scenes: the shortest period, every step, the longest warm-up of a stage."""
+        """Join scenes: the shortest period, every step, the longest warm-up of each stage."""
         stages = {stage for part in parts for stage in part.warm_up_s}
         longest_s = {s: max(part.warm_up_s.get(s, 0.0) for part in parts) for s in stages}
         steps = [step for part in parts for step in part.steps]
         return cls(min(part.period_s for part in parts), steps, longest_s)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain data, to be stored."""
+        """Return plain data, to be stored."""
         return asdict(self)
 
     def report(self) -> LatencyReport:
-        """What the steps amount to."""
+        """Summarise the steps."""
         times = {s: [t[s] for t in self.steps if s in t] for s in _in_order(self.warm_up_s)}
         late = [step for step in self.steps if step[TOTAL] > self.period_s]
-        blame, share = _blame(late or self.steps)
         return LatencyReport(
             budget_ms=1e3 * self.period_s,
             steps=len(self.steps),
             stages={stage: StageLatency.of(seconds) for stage, seconds in times.items() if seconds},
             over_budget=len(late),
-            blame=blame,
-            blame_share=share,
+            bottleneck=_bottleneck(late or self.steps),
             warm_up_ms={stage: 1e3 * spent_s for stage, spent_s in self.warm_up_s.items()},
         )
 
 
 class LatencyLog:
-    """Keeps the times of the last steps, so a vehicle can run for days in bounded memory."""
+    """Keeps the times of the last steps in bounded memory, however long a vehicle drives."""
 
     def __init__(self, rate_hz: float, window: int = 36_000) -> None:
-        """``rate_hz`` of the sweeps; ``window`` steps are kept: an hour at 10 Hz.
+        """Start an empty log.
+
+        Args:
+            rate_hz: of the sweeps.
+            window: number of steps that are kept: an hour at 10 Hz.
 
         Raises:
             InputError: the rate is not positive, or the window is empty.
@@ -149,42 +201,41 @@ class LatencyLog:
         self._warm_up_s: dict[str, float] = {}
 
     def add(self, seconds: Mapping[str, float]) -> None:
-        """Takes in one step: seconds by stage, ``total`` among them."""
+        """Add one step: seconds by stage, ``total`` among them."""
         if seconds.keys() <= self._warm_up_s.keys():
             self._steps.append(dict(seconds))
             return
         for stage, spent_s in seconds.items():
-            self._warm_up_s[stage] = self._warm_up_s.get(stage, 0.0) + spent_s
+            _add(self._warm_up_s, stage, spent_s)
 
     def times(self, period_s: float | None = None) -> StepTimes:
-        """The kept steps; ``period_s`` between two sweeps, by default that of the rate."""
+        """Return the kept steps; ``period_s`` between two sweeps, by default that of the rate."""
         return StepTimes(period_s or self._budget_s, list(self._steps), dict(self._warm_up_s))
 
     def report(self) -> LatencyReport:
-        """What the kept steps amount to."""
+        """Summarise the kept steps."""
         return self.times().report()
 
 
-ORDER = ("flow", "objects", "velocity", "tracker")
-
-
 def _in_order(stages: Iterable[str]) -> list[str]:
-    """Stages in the order of a step, each followed by its parts; the total comes last."""
+    """Sort stages by the order of a step, each followed by its parts; the total comes last."""
     found = list(dict.fromkeys(stages))
-    names = [s for s in found if "." not in s and s != TOTAL]
-    names.sort(key=lambda s: ORDER.index(s) if s in ORDER else len(ORDER))
-    parts = {s: [p for p in found if p.startswith(f"{s}.")] for s in names}
-    return [name for s in names for name in (s, *parts[s])] + [TOTAL]
+    parts: dict[str, list[str]] = {}
+    for name in found:
+        parts.setdefault(name.partition(".")[0], []).append(name)
+    parts.pop(TOTAL, None)
+    names = sorted(parts, key=lambda s: ORDER.index(s) if s in ORDER else len(ORDER))
+    return [name for s in names for name in sorted(parts[s], key=lambda n: n != s)] + [TOTAL]
 
 
-def _blame(steps: list[dict[str, float]]) -> tuple[str | None, float]:
+def _bottleneck(steps: list[dict[str, float]]) -> Bottleneck | None:
     totals: dict[str, float] = {}
     for step in steps:
-        for stage, spent_s in step.items():
-            totals[stage] = totals.get(stage, 0.0) + spent_s
+        for name, spent_s in step.items():
+            if "." not in name:
+                _add(totals, name, spent_s)
     whole = totals.pop(TOTAL, 0.0)
-    stages = {s: t for s, t in totals.items() if "." not in s}
-    if not stages:
-        return None, 0.0
-    worst = max(stages, key=lambda s: stages[s])
-    return worst, stages[worst] / whole
+    if not totals:
+        return None
+    stage = max(totals, key=lambda name: totals[name])
+    return Bottleneck(stage, totals[stage] / whole)

@@ -1,4 +1,4 @@
-"""Plain arrays become a sweep and detections, for users who have none of our types."""
+"""Conversion of plain arrays to sweeps and detections."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mottrack.core.arrays import F32
 from mottrack.core.errors import InputError, unknown_name
 from mottrack.core.objects import Objects
 from mottrack.core.pose import Pose
@@ -20,16 +19,16 @@ KNOWN = tuple(f.name for f in fields(Objects) if f.name != "stamp_ns")
 
 
 def pose_of(world_T_ego: Pose | ArrayLike) -> Pose:
-    """A pose from itself or from a (4, 4) or (3, 4) matrix."""
+    """Return the pose, or make one from a (4, 4) or (3, 4) matrix."""
     return world_T_ego if isinstance(world_T_ego, Pose) else Pose.from_matrix(world_T_ego)
 
 
 def sweep_of(
     points: ArrayLike, stamp_ns: int, world_T_ego: Pose, origin_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> Sweep:
-    """A sweep from (N, 3) x, y, z or (N, 4) x, y, z, reflectance, ego frame, metres.
+    """Make a sweep from (N, 3) x, y, z or (N, 4) x, y, z, reflectance; ego frame, metres.
 
-    The arrays are copied: a driver may fill the same buffer again with the next turn.
+    The arrays are copied: a driver may reuse its buffer for the next sweep.
 
     Raises:
         InputError: the shape is another, a number is not finite, reflectance outside [0, 1].
@@ -39,20 +38,17 @@ def sweep_of(
         raise InputError("shape of points", array.shape, "(N, 3) or (N, 4)")
     return Sweep(
         xyz_m=np.array(array[:, :3], order="C"),
-        reflectance=_reflectance(array),
+        reflectance=np.array(array[:, 3])
+        if array.shape[1] == 4
+        else np.zeros(len(array), np.float32),
         stamp_ns=stamp_ns,
         world_T_ego=world_T_ego,
         origin_m=np.array(origin_m, dtype=np.float64),
     )
 
 
-def _reflectance(points: F32) -> F32:
-    known = points.shape[1] == 4
-    return np.array(points[:, 3]) if known else np.zeros(len(points), np.float32)
-
-
 def detections_of(detections: Detections, stamp_ns: int, world_T_ego: Pose) -> Objects:
-    """Detections in the world frame, from ours or from arrays by the names of `Objects`.
+    """Make detections in the world frame from `Objects`, or from arrays by the names of its fields.
 
     ``frame`` says "ego" or "world" and has no default: frames are mixed up too easily.
 

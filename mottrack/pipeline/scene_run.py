@@ -1,4 +1,4 @@
-"""The main loop: one scene from its first frame to its last."""
+"""The main loop over the frames of one scene."""
 
 from __future__ import annotations
 
@@ -13,40 +13,44 @@ from mottrack.core.interfaces import DetectedScene, GroundMap, Scene
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
+from mottrack.core.sweep import median_period_s
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_sampler import FlowSampler
 from mottrack.pipeline.latency import StepTimes
-from mottrack.pipeline.snapshots import NullRecorder, SnapshotRecorder
-from mottrack.pipeline.stream import Pipeline, needs_detections
+from mottrack.pipeline.snapshots import SnapshotRecorder
+from mottrack.pipeline.stream import Pipeline
 
 OnFrame = Callable[[int, int], None]
+"""Called after each frame with the number of frames that are done, and of all."""
+DEFAULT_PERIOD_S = 0.1
+"""Latency budget of a scene of one frame: the period of a 10 Hz LiDAR."""
 
 
 @dataclass(frozen=True)
 class SceneRun:
-    """What running a scene leaves behind."""
+    """Results of running a scene."""
 
     result: SceneResult
     snapshots: list[Snapshot]
     times: StepTimes
-    """Of every step, against the time between two frames of the scene."""
+    """Of every step; the period is the median time between two frames of the scene."""
 
 
 def run_scene(
     experiment: Experiment,
     scene: Scene,
-    on_frame: OnFrame = lambda done, total: None,
+    on_frame: OnFrame | None = None,
     *,
     keep_snapshots: bool = True,
 ) -> SceneRun:
-    """Runs one scene.
+    """Run one scene.
 
     Args:
         experiment: what to run.
         scene: the scene, opened.
-        on_frame: is told after each frame how many are done, of how many.
-        keep_snapshots: whether every key frame is kept to be drawn.
+        on_frame: receives the progress after each frame.
+        keep_snapshots: whether the key frames are kept for pictures.
 
     Raises:
         MottrackError: the data are damaged, or a part refuses its input.
@@ -54,11 +58,9 @@ def run_scene(
     pipeline = Pipeline(experiment)
     if isinstance(scene, GroundMap):
         pipeline.use_ground(scene)
-    judge = FlowSampler.of(experiment.settings, has_sweeps=scene.has_sweeps)
-    album = (SnapshotRecorder if keep_snapshots else NullRecorder)(
-        experiment.settings.snapshots.points
-    )
-    reads_sweeps = judge.enabled or pipeline.needs_sweeps
+    sampler = FlowSampler.of(experiment.settings, has_sweeps=scene.has_sweeps)
+    recorder = SnapshotRecorder(experiment.settings.snapshots.points, enabled=keep_snapshots)
+    reads_sweeps = sampler.enabled or pipeline.needs_sweeps
     frames: list[Frame] = []
     steps: list[Tracks] = []
     stamps_ns: list[int] = []
@@ -68,31 +70,28 @@ def run_scene(
             sweep = scene.sweep(index) if reads_sweeps else None
         stamps_ns.append(frame.stamp_ns)
         _check_detections(pipeline, scene, frame)
-        judge.observe(frame)
+        sampler.observe(frame)
         step = pipeline.step(frame, sweep)
         if step.tracks is not None:
-            judge.judge(frame, step, len(frames))
-            album.take(len(frames), sweep, step.field, step.objects)
+            sampler.collect(frame, step, len(frames))
+            recorder.take(len(frames), sweep, step.field, step.objects)
             steps.append(step.tracks)
             frames.append(frame)
             pipeline.watch.next_frame()
-        on_frame(index + 1, len(scene))
-    result = _result(scene, frames, pipeline.finish(steps), judge.samples())
+        if on_frame is not None:
+            on_frame(index + 1, len(scene))
+    result = _result(scene, frames, pipeline.finish(steps), sampler.samples())
     result = replace(result, timings_s=pipeline.watch.seconds())
-    return SceneRun(result, album.snapshots, pipeline.step_times(_period_s(stamps_ns)))
+    times = pipeline.step_times(median_period_s(stamps_ns, DEFAULT_PERIOD_S))
+    return SceneRun(result, recorder.snapshots, times)
 
 
 def _check_detections(pipeline: Pipeline, scene: Scene, frame: Frame) -> None:
-    """Names the place where the detections were looked for, which the frame does not know."""
-    absent = frame.is_key and frame.detections is None and needs_detections(pipeline.objects)
+    """Refuse a key frame without required detections, naming the file that should hold them."""
+    absent = frame.is_key and frame.detections is None and pipeline.objects.needs_detections
     if absent and isinstance(scene, DetectedScene):
         expected = "a detector's boxes (dataset.detections=...), or objects=clusters"
         raise DataError(scene.detections_at, f"detections of {scene.name}", "absent", expected)
-
-
-def _period_s(stamps_ns: list[int]) -> float:
-    """Median time between two frames; that of 10 Hz where there is only one."""
-    return float(np.median(np.diff(stamps_ns))) / 1e9 if len(stamps_ns) > 1 else 0.1
 
 
 def _result(

@@ -1,4 +1,4 @@
-"""Keeps the key frames of a scene for pictures, thinned to what a picture can show."""
+"""Recording of key frames for pictures, with thinned point clouds."""
 
 from __future__ import annotations
 
@@ -14,43 +14,40 @@ from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import Sweep
 
 VOXEL_M = (0.25, 0.25, 0.5)
+"""One point of each is kept: the cell of the default grid, and half a metre of height, which a
+bird's-eye picture does not show."""
 VOXELS = 2**15
-"""In each direction of each axis: 8 km, beyond which all is one."""
+"""Per direction and axis: three axes of 16 bits fit into one int64 key. Points beyond 8 km are
+clipped to the last voxel."""
 OCCUPIED_SHARE = 0.7
-"""Share of the points that is meant for what stands on the ground."""
+"""Share of the points for occupied cells, so that the road does not hide the objects on it."""
 
 
 @dataclass
 class SnapshotRecorder:
-    """Takes every key frame of a scene."""
+    """Records the key frames of a scene, or nothing where it is not enabled."""
 
     points: int
-    """How many points a key frame keeps at most."""
+    """Maximum number of points per key frame."""
+    enabled: bool = True
     snapshots: list[Snapshot] = field(default_factory=list)
 
     def take(
         self, row: int, sweep: Sweep | None, field: FlowField | None, objects: Objects | None
     ) -> None:
-        """Keeps a key frame, row ``row`` of the FrameTable."""
+        """Record a key frame, row ``row`` of the FrameTable."""
+        if not self.enabled:
+            return
         xyz_m = np.zeros((0, 3), np.float32) if sweep is None else sweep.xyz_m
         thin_m = thinned(xyz_m, field, self.points)
         self.snapshots.append(Snapshot.of(row, thin_m, field, objects))
 
 
-class NullRecorder(SnapshotRecorder):
-    """Takes nothing: of this scene no pictures are wanted."""
-
-    def take(
-        self, row: int, sweep: Sweep | None, field: FlowField | None, objects: Objects | None
-    ) -> None:
-        """Lets the key frame go."""
-
-
 def thinned(xyz_m: F32, field: FlowField | None, limit: int) -> F32:
-    """At most ``limit`` of the points (N, 3), the same ones for the same sweep.
+    """Return at most ``limit`` of the points (N, 3); deterministic.
 
-    One point of a voxel stays; of those, so many as are wanted in equal steps through space. Most
-    are taken from occupied cells, so that the road does not hide what stands on it.
+    One point of each voxel is kept; of those, ``limit`` in equal steps through space, most of them
+    from occupied cells.
     """
     voxel = np.clip(np.floor(xyz_m / VOXEL_M), -VOXELS, VOXELS - 1).astype(np.int64) + VOXELS
     key = (voxel[:, 0] * 2 * VOXELS + voxel[:, 1]) * 2 * VOXELS + voxel[:, 2]
@@ -63,8 +60,7 @@ def thinned(xyz_m: F32, field: FlowField | None, limit: int) -> F32:
     share = max(round(OCCUPIED_SHARE * limit), limit - len(flat))
     tall = _every_few(tall, share)
     kept = np.sort(np.concatenate([tall, _every_few(flat, limit - len(tall))]))
-    points: F32 = xyz_m[kept]
-    return points
+    return np.asarray(xyz_m[kept])
 
 
 def _every_few(index: NDArray[np.intp], limit: int) -> NDArray[np.intp]:

@@ -1,11 +1,11 @@
-"""The chain from a sweep to tracks, fed one frame after the other, as a vehicle would."""
+"""The pipeline from sweeps to tracks, frame by frame, as in a vehicle."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 from numpy.typing import ArrayLike
 
@@ -25,25 +25,30 @@ from mottrack.core.motion import FlowField, VelocityMeasurement, fuse_velocities
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
-from mottrack.core.velocity_errors import FLOW_ERRORS, VelocityErrorModel
 from mottrack.experiment.experiment import Experiment, load_to_stream
 from mottrack.objects.velocity import measure_velocity
-from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes
+from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes, Stopwatch
 from mottrack.pipeline.plain_input import Detections, detections_of, pose_of, sweep_of
-from mottrack.pipeline.stopwatch import Stopwatch
 from mottrack.pipeline.sweep_pairs import SweepPairs
+
+
+class Pair(NamedTuple):
+    """Two sweeps that flow is measured between."""
+
+    previous: Sweep
+    current: Sweep
 
 
 @dataclass(frozen=True)
 class Step:
-    """What the pipeline made of one frame."""
+    """Results of the pipeline for one frame."""
 
-    pair: tuple[Sweep, Sweep] | None
-    """The earlier sweep and the current one; None where there is no earlier one near enough."""
+    pair: Pair | None
+    """None where no earlier sweep is recent enough."""
     field: FlowField | None
-    """The flow between them; None where it was not asked for."""
+    """The flow between them; None where it was not needed."""
     objects: Objects | None
-    """What the tracker was given, world frame, with velocities; None between key frames."""
+    """Input of the tracker, world frame, with velocities; None between key frames."""
     tracks: Tracks | None
     """World frame; None between key frames."""
     seconds: dict[str, float]
@@ -61,7 +66,7 @@ class Pipeline:
     """
 
     def __init__(self, experiment: Experiment, *, rate_hz: float = 10.0) -> None:
-        """Makes every part of the experiment but the data set.
+        """Construct every part of the experiment but the data set.
 
         Args:
             experiment: what to run.
@@ -77,14 +82,13 @@ class Pipeline:
         self._experiment = experiment
         self._latency = LatencyLog(rate_hz)
         self._velocity = settings.velocity
-        self._stateful = is_stateful(self.flow)
         self.reset()
 
     @classmethod
     def from_config(cls, config: str, *overrides: str, rate_hz: float = 10.0) -> Self:
-        """A pipeline from an experiment file or the name of a shipped one.
+        """Make a pipeline from an experiment file or the name of a shipped one.
 
-        The file's data set is not looked at: the caller is the data set.
+        The file's data set is ignored: the caller provides the frames.
 
         Args:
             config: path of a YAML file, or a name such as ``"demo"``.
@@ -92,18 +96,18 @@ class Pipeline:
             rate_hz: sweeps a second, whose inverse is the budget of a step.
 
         Raises:
-            ConfigError: a key, a name or a value is wrong, or several variants are left.
+            ConfigError: a key, a name or a value is wrong, or there are several variants.
             DataError: the file can't be read.
         """
         return cls(load_to_stream(config, overrides), rate_hz=rate_hz)
 
     @property
     def needs_sweeps(self) -> bool:
-        """Whether any part looks at sweeps."""
-        return needs_sweeps(self.flow) or needs_sweeps(self.objects)
+        """Whether any part reads sweeps."""
+        return self.flow.needs_sweeps or self.objects.needs_sweeps
 
     def reset(self) -> None:
-        """A new scene begins: forgets all but the latency; loaded and compiled parts stay."""
+        """Start a new scene: forget all but the latency; loaded and compiled parts stay."""
         settings = self._experiment.settings
         self.tracker: Tracker = self._experiment.tracker.make()
         self._pairs = SweepPairs(settings.pair_s, settings.max_pair_s)
@@ -112,21 +116,21 @@ class Pipeline:
         self.objects.reset()
 
     def use_ground(self, ground: GroundMap) -> None:
-        """Gives a map's heights of the ground to an object source that wants them."""
+        """Pass a map's heights of the ground to an object source that uses them."""
         if isinstance(self.objects, GroundUser):
             self.objects.use_ground(ground)
 
     def step(self, frame: Frame, sweep: Sweep | None = None) -> Step:
-        """Takes in the next frame.
+        """Process the next frame.
 
         Args:
             frame: later than all before; its detections and truth in the world frame.
-            sweep: of the same stamp; None where no part looks at sweeps, or none arrived.
+            sweep: of the same stamp; None where no part reads sweeps, or none arrived.
 
         Raises:
             InputError: the stamp is not later than the last one, or frame and sweep have different
                 stamps: nothing has changed then. Or a part refuses its input: this frame is lost,
-                and the pipeline goes on with the next.
+                and the pipeline continues with the next.
         """
         self._check(frame, sweep)
         self._stamp_ns = frame.stamp_ns
@@ -135,7 +139,7 @@ class Pipeline:
         if isinstance(self.flow, FrameObserver):
             self.flow.observe(frame)
         pair = None if sweep is None else self._pair(sweep)
-        field = self._estimate(pair) if frame.is_key or self._stateful else None
+        field = self._estimate(pair) if frame.is_key or self.flow.stateful else None
         objects = self._measured_objects(frame, sweep, field) if frame.is_key else None
         tracks = None if objects is None else self._track(frame, objects)
         seconds = self.watch.lap() | {TOTAL: time.perf_counter() - start}
@@ -150,7 +154,7 @@ class Pipeline:
         detections: Detections | None = None,
         origin_m: ArrayLike = (0.0, 0.0, 0.0),
     ) -> Step:
-        """Takes in the next step from plain arrays.
+        """Process the next frame, given as plain arrays.
 
         Args:
             stamp_ns: integer nanoseconds, later than all before.
@@ -163,7 +167,7 @@ class Pipeline:
             origin_m: (3,) optical centre of the LiDAR in the ego frame.
 
         Raises:
-            InputError: an array is not usable, or what `step` says.
+            InputError: an array is not usable, or as `step`.
             ConfigError: `detections` has an unknown name.
         """
         stamp_ns, pose = as_stamp("stamp_ns", stamp_ns), pose_of(world_T_ego)
@@ -172,21 +176,21 @@ class Pipeline:
         return self.step(Frame(stamp_ns, pose, found), sweep)
 
     def finish(self, steps: Sequence[Tracks]) -> list[Tracks]:
-        """The tracks of a scene given all of it, from a tracker that smooths; else as they were.
+        """Return a scene's tracks smoothed over all of it, if the tracker smooths; else as given.
 
         Raises:
-            ConfigError: the tracker can't do what its settings ask for.
+            ConfigError: the tracker does not support what its settings ask for.
         """
         if isinstance(self.tracker, OfflineTracker):
             return self.tracker.finish(list(steps))
         return list(steps)
 
     def latency(self) -> LatencyReport:
-        """Latency of the last steps (up to an hour's at 10 Hz) against the time for one."""
+        """Return the latency of the last steps (an hour at 10 Hz) against the time for one."""
         return self._latency.report()
 
     def step_times(self, period_s: float) -> StepTimes:
-        """The times behind `latency`, to be stored; ``period_s`` is that between two sweeps."""
+        """Return the times behind `latency`, to store; ``period_s`` is that between two sweeps."""
         return self._latency.times(period_s)
 
     def _check(self, frame: Frame, sweep: Sweep | None) -> None:
@@ -199,14 +203,13 @@ class Pipeline:
                 "stamp_ns", frame.stamp_ns, f"later than that of the last step, {self._stamp_ns}"
             )
 
-    def _pair(self, sweep: Sweep) -> tuple[Sweep, Sweep] | None:
-        previous = self._pairs.push(sweep, consecutive=self._stateful)
-        if previous is None and self._stateful:
-            # what it remembers lies before a gap: it would refuse every sweep from here on
-            self.flow.reset()
-        return None if previous is None else (previous, sweep)
+    def _pair(self, sweep: Sweep) -> Pair | None:
+        previous = self._pairs.push(sweep, consecutive=self.flow.stateful)
+        if previous is None and self.flow.stateful:
+            self.flow.reset()  # its state lies before a gap: it would refuse every later sweep
+        return None if previous is None else Pair(previous, sweep)
 
-    def _estimate(self, pair: tuple[Sweep, Sweep] | None) -> FlowField | None:
+    def _estimate(self, pair: Pair | None) -> FlowField | None:
         if pair is None:
             return None
         with self.watch("flow"):
@@ -229,16 +232,15 @@ class Pipeline:
             return objects
         in_ego = objects.transformed(frame.world_T_ego.inverse(), "ego")
         measured = measure_velocity(field, in_ego, self._velocity)
-        measured = measured.with_error_model(error_model_of(self.flow)).rotated(
-            frame.world_T_ego.yaw_rad
-        )
+        measured = measured.with_error_model(self.flow.error_model)
+        measured = measured.rotated(frame.world_T_ego.yaw_rad)
         return objects.with_velocity(joined(objects.velocity, measured))
 
 
 def joined(given: VelocityMeasurement | None, flow: VelocityMeasurement) -> VelocityMeasurement:
-    """Velocities that came with the objects (a radar's, a detector's) and those of the flow.
+    """Fuse velocities that came with the objects (of a radar, a detector) with those of the flow.
 
-    Faults are one statement for all rows: where any row rests on the flow alone, the flow's.
+    The error model is one for all rows: the flow's, if any row has a velocity of the flow alone.
     """
     if given is None or not given.valid.any():
         return flow
@@ -246,24 +248,3 @@ def joined(given: VelocityMeasurement | None, flow: VelocityMeasurement) -> Velo
         return given
     fused = fuse_velocities([given, flow])
     return fused.with_error_model(flow.error_model) if (flow.valid & ~given.valid).any() else fused
-
-
-def error_model_of(source: object) -> VelocityErrorModel:
-    """How a flow source errs beside its covariance; one that does not say is taken with care."""
-    error_model = getattr(source, "error_model", FLOW_ERRORS)
-    return error_model if isinstance(error_model, VelocityErrorModel) else FLOW_ERRORS
-
-
-def is_stateful(source: object) -> bool:
-    """Whether a flow source must see every sweep (DOGMa), not only the key frames'."""
-    return bool(getattr(source, "stateful", False))
-
-
-def needs_sweeps(part: object) -> bool:
-    """Whether a part looks at sweeps at all; one that does not say so does."""
-    return bool(getattr(part, "needs_sweeps", True))
-
-
-def needs_detections(part: object) -> bool:
-    """Whether an object source lives on a detector's boxes; one that does not say so does not."""
-    return bool(getattr(part, "needs_detections", False))

@@ -1,4 +1,4 @@
-"""Which earlier sweep a flow is measured from."""
+"""Selection of the earlier sweep that flow is measured from."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from collections import deque
 from mottrack.core.errors import InputError
 from mottrack.core.sweep import Sweep, seconds_between
 
+GAPS = 3
+"""Gaps after which a scene without any pair is refused: one or two may be lost sweeps."""
+
 
 class SweepPairs:
-    """Remembers the last sweeps and picks the one whose age is nearest to the wanted one.
+    """Keeps the last sweeps and selects the one whose age is nearest to ``pair_s``.
 
     At 20 Hz a pedestrian moves less than the noise from one sweep to the next, at 2 Hz vehicles
-    jump by several lengths; 0.1 s is right for both. Sweeps further apart than ``max_pair_s``
-    are no pair: a scene may have a gap, but one that never has a pair is an error.
+    move by several lengths; 0.1 s suits both. Sweeps further apart than ``max_pair_s`` are no
+    pair: a scene may have a gap, but one that never has a pair is an error.
     """
 
     def __init__(self, pair_s: float, max_pair_s: float) -> None:
@@ -23,7 +26,7 @@ class SweepPairs:
         self._gaps = 0
 
     def push(self, sweep: Sweep, *, consecutive: bool = False) -> Sweep | None:
-        """Adds the newest sweep; returns its partner, or None where none is near enough.
+        """Add the newest sweep; return its partner, or None where none is recent enough.
 
         Args:
             sweep: later than all before.
@@ -41,7 +44,7 @@ class SweepPairs:
         if self._sweeps:
             partner = self._sweeps[-1] if consecutive else self._nearest(ages)
             self._paired = True
-        elif self._gaps >= 3 and not self._paired:
+        elif self._gaps >= GAPS and not self._paired:
             raise InputError(
                 "time between sweeps",
                 f"{min(ages.values(), default=0.0):.2f} s",

@@ -14,9 +14,8 @@ from mottrack.core.result import SceneResult
 from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
 from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, best_threshold, scored_part
+from mottrack.eval.scores import ScoreFilter, best_threshold, scored_part
 from mottrack.eval.velocity_error import (
-    VelocityErrorConfig,
     VelocitySamples,
     category_masks,
     velocity_samples,
@@ -42,20 +41,19 @@ class ClassAnalysis:
     """The boxes that the error counts are about."""
 
     @classmethod
-    def of(
-        cls, results: Sequence[SceneResult], labels: Sequence[str], config: ScoreConfig
-    ) -> ClassAnalysis:
-        """Evaluate the classes by the official rules."""
+    def of(cls, run: ScoredRun, results: Sequence[SceneResult]) -> ClassAnalysis:
+        """Evaluate the classes of the scored results of a run by the official rules."""
+        labels = list(run.scores.classes)
         if not labels:
             return cls()
         rules = rules_for(labels)
         try:
-            prepared = prepare_results(results, rules)
+            prepared = run.memo(prepare_results, results, rules)
         except InputError:  # no box of truth or of tracks is in range: there are no curves
             return cls()
-        found = evaluate_prepared(prepared, rules).curves
+        found = run.memo(evaluate_prepared, prepared, rules).curves
         filters = tuple(
-            ScoreFilter(label, best_threshold(found[label], config), range_m)
+            ScoreFilter(label, best_threshold(found[label], run.config), range_m)
             for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
         )
         curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
@@ -74,12 +72,8 @@ class Analysis:
     @classmethod
     def of(cls, run: ScoredRun) -> Analysis:
         """Analyse the stored results of a run."""
-        stored = [run.folder.load(scene) for scene in run.report.finished]
-        config = run.experiment.settings.scores
-        results = [scored_part(result, config) for result in stored]
-        classes = ClassAnalysis.of(results, list(run.scores.classes), config)
-        parts = [scored_part(result, config, truth=False) for result in stored]
-        return cls(classes, _velocity(parts, config.velocity), Timing.of(stored))
+        scored = [run.memo(scored_part, result, run.config) for result in run.results]
+        return cls(ClassAnalysis.of(run, scored), _velocity(run), Timing.of(run.results))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for the scripts of the page."""
@@ -106,11 +100,11 @@ def _curve(curve: Curves) -> Curve:
     return {name: _plain(columns[name][rows]) for name in ("requested", *CURVES)}
 
 
-def _velocity(
-    results: Sequence[SceneResult], config: VelocityErrorConfig
-) -> dict[str, list[float]]:
-    samples = VelocitySamples.stacked([velocity_samples(result, config) for result in results])
-    declared = {name for result in results for name in result.classes}
+def _velocity(run: ScoredRun) -> dict[str, list[float]]:
+    config = run.config.velocity
+    parts = [run.memo(scored_part, result, run.config, truth=False) for result in run.results]
+    samples = VelocitySamples.stacked([run.memo(velocity_samples, part, config) for part in parts])
+    declared = {name for part in parts for name in part.classes}
     masks = category_masks(samples, config, declared)
     return {
         row: np.quantile(samples.error_mps[mask], QUANTILES).round(4).tolist()

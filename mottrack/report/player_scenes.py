@@ -10,7 +10,6 @@ from mottrack.report.analysis import Analysis
 from mottrack.report.player_data import RunData, SharedData
 from mottrack.report.ranking import ReportRun
 from mottrack.report.scene_errors import scene_errors
-from mottrack.runs.stored_scene import StoredScene
 
 
 @dataclass(frozen=True)
@@ -76,14 +75,15 @@ def _has_snapshots(run: ReportRun, dataset: str, scene: str) -> bool:
 
 
 def _packed(scene: str, runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> PackedScene:
-    stored = [StoredScene.load(run.scored.folder.path, scene) for run in runs]
-    shared = SharedData(stored[0].result, stored[0].snapshots)
+    snapshots = [run.scored.folder.load_snapshots(scene) for run in runs]
+    shared = SharedData(runs[0].scored.load(scene), snapshots[0])
     packed: dict[int, str] = {}
-    for run, of_run in zip(runs, stored, strict=True):
+    for run, kept in zip(runs, snapshots, strict=True):
+        result = run.scored.load(scene)
         config = run.scored.experiment.settings.scores
         filters = analyses[run.index].classes.filters if run.has_truth else ()
-        errors = scene_errors(of_run.result.where_labelled(), filters, config)
-        packed[run.index] = RunData(shared, of_run.result, of_run.snapshots, errors).packed()
+        errors = scene_errors(result.where_labelled(), filters, config)
+        packed[run.index] = RunData(shared, result, kept, errors).packed()
     dataset = runs[0].scored.experiment.dataset.kind
     return PackedScene(dataset, scene, shared.packed(), packed)
 

@@ -1,1 +1,1 @@
-"""Run the scenes of experiments, store the results, and compare stored runs."""
+"""Runs of experiments over scenes, their stored results, and comparisons of them."""

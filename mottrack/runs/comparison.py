@@ -1,75 +1,25 @@
-"""Runs one experiment or a sweep of them, scores each, and says which differences are real."""
+"""Comparisons: one experiment or a sweep of them, run and scored, or read back from a folder."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from mottrack.core.result import SceneResult
+from mottrack.core.errors import ConfigError, ResultError
+from mottrack.core.processes import available_cores
 from mottrack.core.storage import write_text
-from mottrack.eval.scores import Scores, score
-from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
-from mottrack.experiment.experiment import Experiment
-from mottrack.pipeline.latency import LatencyReport, StepTimes
-from mottrack.runs.differences import (
-    RunDifferences,
-    RunInput,
-    check_baseline,
-    find_differences,
-)
+from mottrack.experiment.experiment import Experiment, compose
+from mottrack.experiment.yaml_file import read_yaml
+from mottrack.runs.differences import RunDifferences, check_baseline, find_differences
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Job, RunReport, run_jobs
-from mottrack.runs.workers import Progress, available_cores
+from mottrack.runs.scored_run import ScoredRun
+from mottrack.runs.workers import Progress
 
-
-@dataclass(frozen=True)
-class ScoredRun:
-    """One experiment of a comparison: where it is, how it went and what it was worth."""
-
-    experiment: Experiment
-    folder: RunFolder
-    report: RunReport
-    scores: Scores
-    stage_ms: dict[str, float]
-    """Mean wall time of each stage per key frame, milliseconds."""
-    latency: LatencyReport | None
-    """Of every step against the time between two sweeps; None where it was not kept."""
-
-    @property
-    def title(self) -> str:
-        """What names the run in a table."""
-        return self.experiment.title
-
-    def run_input(self) -> RunInput:
-        """The run as far as differences are concerned."""
-        kind, config = self.experiment.dataset.kind, self.experiment.settings.scores
-        return RunInput(self.title, kind, self.report.finished, self.folder.load, config)
-
-    def velocity_error(self, row: str) -> ErrorRow:
-        """One line of the velocity table; without rows where this run has none of the kind."""
-        return self.scores.velocity.get(row, NO_ROWS)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data for scores.json."""
-        parts = {g: getattr(self.experiment, g).kind for g in PARTS}
-        return {
-            "variant": self.experiment.variant,
-            **parts,
-            "config_hash": self.experiment.hash,
-            "scenes": list(self.report.finished),
-            "failed": self.report.failed,
-            "stage_ms": self.stage_ms,
-            "latency": None if self.latency is None else asdict(self.latency),
-            "metrics": self.scores.as_dict(),
-        }
-
-
-PARTS = ("dataset", "objects", "flow", "tracker")
+__all__ = ["Comparison", "ScoredRun", "load_comparison", "run_comparison"]
 
 
 @dataclass(frozen=True)
@@ -83,17 +33,12 @@ class Comparison:
 
     @property
     def failed(self) -> dict[str, str]:
-        """``variant/scene`` of every failed scene, and why."""
+        """``variant/scene`` of every failed scene to the reason."""
         return {
             "/".join(filter(None, (run.experiment.variant, scene))): reason
             for run in self.runs
             for scene, reason in run.report.failed.items()
         }
-
-
-def velocity_rows(runs: Sequence[ScoredRun]) -> list[str]:
-    """The lines of the velocity table that any run has, in order."""
-    return list(dict.fromkeys(row for run in runs for row in run.scores.velocity))
 
 
 def run_comparison(
@@ -104,15 +49,15 @@ def run_comparison(
     progress: Progress,
     baseline: str | None = None,
 ) -> Comparison:
-    """Runs and scores every experiment; writes ``scores.json`` beside their results.
+    """Run and score every experiment; write ``scores.json`` beside their results.
 
     Args:
-        experiments: a sweep; a single one keeps its results in ``out`` itself, several in
+        experiments: a sweep; a single one stores its results in ``out`` itself, several in
             ``out/<variant>``.
         out: folder for results.
-        workers: processes; 0 means one a core.
-        progress: is told how the work goes on.
-        baseline: title of the run, or part of it, that the others are compared with; the first.
+        workers: number of processes; 0: one per core.
+        progress: receives the progress of the work.
+        baseline: title of the baseline run, or part of it; by default the first run.
 
     Raises:
         MottrackError: the configuration does not fit the data or the folder.
@@ -121,31 +66,66 @@ def run_comparison(
     alone = len(experiments) == 1
     jobs = [Job(e, RunFolder(out if alone else out / e.variant)) for e in experiments]
     reports = run_jobs(jobs, workers=workers or available_cores(), progress=progress)
-    runs = [
-        scored_run(job.experiment, job.folder, report)
+    runs = tuple(
+        ScoredRun(job.experiment, job.folder, report)
         for job, report in zip(jobs, reports, strict=True)
-    ]
-    differences = find_differences([run.run_input() for run in runs], baseline)
-    comparison = Comparison(tuple(runs), out, differences)
+    )
+    comparison = Comparison(runs, out, find_differences(runs, baseline))
     figures = {
         "runs": [run.as_dict() for run in runs],
-        "differences": [part.as_dict() for part in differences],
+        "differences": [part.as_dict() for part in comparison.differences],
     }
     write_text(out / "scores.json", json.dumps(figures, indent=1, allow_nan=False) + "\n")
     return comparison
 
 
-def scored_run(experiment: Experiment, folder: RunFolder, report: RunReport) -> ScoredRun:
-    """Scores what a run has left in its folder."""
-    results = [folder.load(scene) for scene in report.finished]
-    scores = score(results, experiment.settings.scores)
-    times = [times for scene in report.finished if (times := folder.times(scene)) is not None]
-    latency = StepTimes.joined(times).report() if times else None
-    return ScoredRun(experiment, folder, report, scores, _stage_ms(results), latency)
+def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
+    """Read the runs of a folder that ``mottrack run`` or ``compare`` wrote; score them anew.
+
+    Args:
+        folder: of one run, or of several in a folder each.
+        baseline: title of the baseline run, or part of it; by default the first run.
+
+    Raises:
+        ConfigError: the folder holds no run with a finished scene.
+        ResultError: a stored result is damaged.
+    """
+    notes = _notes(folder)
+    runs = [_load_run(folder, variant, notes.get(variant, {})) for variant in _variants(folder)]
+    runs = [run for run in runs if run.finished]
+    if not runs:
+        raise ConfigError(
+            f"{folder} holds no finished scene of any run; expected a folder that mottrack run or "
+            "compare wrote"
+        )
+    return Comparison(tuple(runs), folder, find_differences(runs, baseline))
 
 
-def _stage_ms(results: Sequence[SceneResult]) -> dict[str, float]:
-    stages = dict.fromkeys(stage for result in results for stage in result.timings_s)
-    frames = max(sum(len(result.frames) for result in results), 1)
-    totals = {s: sum(np.sum(r.timings_s.get(s, 0.0)) for r in results) for s in stages}
-    return {stage: 1e3 * float(total) / frames for stage, total in totals.items()}
+def _variants(folder: Path) -> list[str]:
+    """Return the names of the runs, in order; "" where the folder is a run itself."""
+    if RunFolder(folder).identity_file.exists():
+        return [""]
+    there = sorted(file.parent.name for file in folder.glob("*/run.json"))
+    listed = [variant for variant in _notes(folder) if variant in there]
+    return listed + [variant for variant in there if variant not in listed]
+
+
+def _notes(folder: Path) -> dict[str, Mapping[str, Any]]:
+    """Return each variant's part of scores.json; nothing if the comparison was interrupted."""
+    path = folder / "scores.json"
+    if not path.exists():
+        return {}
+    try:
+        return {run["variant"]: run for run in json.loads(path.read_text())["runs"]}
+    except (ValueError, KeyError, TypeError) as error:
+        raise ResultError(path, "content", repr(error), "figures of a comparison") from error
+
+
+def _load_run(folder: Path, variant: str, note: Mapping[str, Any]) -> ScoredRun:
+    run = RunFolder(folder / variant)
+    resolved = compose(read_yaml(run.config_file), [], run.config_file)
+    # in the order of the data set, as far as it is known
+    listed = [scene for scene in note.get("scenes", ()) if scene in run.scenes]
+    finished = (*listed, *(scene for scene in run.scenes if scene not in listed))
+    report = RunReport(finished, failed=dict(note.get("failed", {})), resumed=0)
+    return ScoredRun(replace(resolved[0], variant=variant), run, report)

@@ -1,4 +1,4 @@
-"""The tables of a comparison: for the terminal, and beside the report as CSV, Markdown, LaTeX."""
+"""Tables of a comparison, for the terminal and for CSV, Markdown and LaTeX files."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ from collections.abc import Iterator, Sequence
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDifference
 from mottrack.eval.velocity_error import CATEGORIES, OTHER
 from mottrack.formats.text_table import Cell, Column, TextTable
-from mottrack.runs.comparison import Comparison, ScoredRun, velocity_rows
+from mottrack.runs.comparison import Comparison
 from mottrack.runs.differences import RunDifferences
+from mottrack.runs.scored_run import ScoredRun
 
 LEADING_ROWS = ("all", "dynamic", "static", *CATEGORIES, OTHER)
 VELOCITY_PARTS = ("mean", "worst 5 %", "rows")
 FLOW_PARTS = ("RMSE", "median", "within 1 m/s")
-FLOW_FIELDS = ("rmse_mps", "median_mps", "within_1_mps")
 METHOD = (
-    f"{CONFIDENCE:.0%} intervals of the paired difference: {RESAMPLES} resamples of scenes, every "
-    "figure evaluated again on each, Student's t with the number of scenes. Of twenty differences "
-    "that are none, about one is called real"
+    f"{CONFIDENCE:.0%} confidence intervals of the paired difference: every metric is evaluated on "
+    f"{RESAMPLES} resamples of the scenes; Student's t with the number of scenes. About 1 in "
+    f"{round(1 / (1 - CONFIDENCE))} null differences is reported as significant"
 )
 LATENCY = (
-    "Wall time, a step a sweep; processes that run side by side slow each other: --workers 1 tells "
-    "what one scene takes alone"
+    "Wall time of one step per sweep. Parallel processes slow each other down: use --workers 1 to "
+    "measure one scene alone"
 )
-ONE_SCENE = "one scene says nothing about others: no interval"
+ONE_SCENE = "only one scene: no confidence interval"
 OFFICIAL = (
-    "MOTA and MOTP here are the official ones, means over the classes; those of the table of "
-    "tracking are of all boxes together"
+    "MOTA and MOTP here are the official ones, means over the classes; those of the tracking table "
+    "pool all boxes"
 )
 
 
 def comparison_tables(comparison: Comparison) -> list[TextTable]:
-    """Every table of the finished runs."""
+    """Return every table of the finished runs."""
     runs = [run for run in comparison.runs if run.report.finished]
     if not runs:
         return []
@@ -44,7 +44,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
 
 
 def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
-    """AMOTA and its company, all classes and each of them."""
+    """Tabulate AMOTA and the other tracking metrics, over all classes and of each."""
     figures = (
         ("AMOTA", "amota"),
         ("AMOTP m", "amotp_m"),
@@ -61,7 +61,7 @@ def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
     for run in runs:
         for label, scores in {"all": run.scores.overall, **run.scores.classes}.items():
             numbers = scores.as_dict()
-            if not numbers["truth_boxes"]:  # TrackEval's 0 would read as the worst there is
+            if not numbers["truth_boxes"]:  # TrackEval's 0 would read as the worst result
                 numbers["hota"] = float("nan")
             rows.append((run.title, label, *(numbers[name] for _, name in figures)))
     columns = (Column("run"), Column("class"), *(Column(name) for name, _ in figures))
@@ -69,13 +69,12 @@ def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
 
 
 def velocity_table(runs: Sequence[ScoredRun]) -> TextTable:
-    """Velocity error of tracks by category, a group of columns a run."""
+    """Tabulate the velocity error of tracks by category, a group of columns per run."""
     names = [f"{run.title}: {part}" for run in runs for part in VELOCITY_PARTS]
     rows: list[tuple[Cell, ...]] = []
-    for row in velocity_rows(runs):
-        errors = [run.velocity_error(row) for run in runs]
+    for row in dict.fromkeys(row for run in runs for row in run.scores.velocity):
         cells: list[Cell] = []
-        for error in errors:
+        for error in (run.velocity_error(row) for run in runs):
             cells += [error.mean_mps, error.worst_mean_mps, error.count]
         rows.append((row, *cells))
     columns = (Column("tracks"), *(Column(name) for name in names))
@@ -83,21 +82,23 @@ def velocity_table(runs: Sequence[ScoredRun]) -> TextTable:
 
 
 def flow_table(runs: Sequence[ScoredRun]) -> TextTable:
-    """Flow error by kind of cell, a group of columns a run."""
+    """Tabulate the flow error by kind of cell, a group of columns per run."""
     names = [f"{run.title}: {part}" for run in runs for part in FLOW_PARTS]
     rows: list[tuple[Cell, ...]] = []
     for row in dict.fromkeys(row for run in runs for row in run.scores.flow):
         cells: list[Cell] = []
-        for run in runs:
-            error = run.scores.flow.get(row)
-            cells += [None if error is None else getattr(error, name) for name in FLOW_FIELDS]
+        for error in (run.scores.flow.get(row) for run in runs):
+            if error is None:
+                cells += [None, None, None]
+            else:
+                cells += [error.rmse_mps, error.median_mps, error.within_1_mps]
         rows.append((row, *cells))
     columns = (Column("cells"), *(Column(name) for name in names))
     return TextTable("flow", "Flow error, m/s", columns, tuple(rows))
 
 
 def timing_table(runs: Sequence[ScoredRun]) -> TextTable:
-    """Wall time of every stage."""
+    """Tabulate the mean wall time of every stage."""
     stages = dict.fromkeys(stage for run in runs for stage in run.stage_ms)
     rows: list[tuple[Cell, ...]] = [
         (run.title, *(run.stage_ms.get(stage, 0.0) for stage in stages)) for run in runs
@@ -105,14 +106,14 @@ def timing_table(runs: Sequence[ScoredRun]) -> TextTable:
     columns = (Column("run"), *(Column(stage, digits=1) for stage in stages))
     return TextTable(
         "timing",
-        "Mean wall time a key frame, ms (the first compiles and loads)",
+        "Mean wall time per key frame, ms (the first one compiles and loads)",
         columns,
         tuple(rows),
     )
 
 
 def latency_table(runs: Sequence[ScoredRun]) -> TextTable:
-    """Every stage of a step, and of it each part, against the time between two sweeps."""
+    """Tabulate the latency of every stage of a step and of its parts."""
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         report = run.latency
@@ -131,28 +132,28 @@ def latency_table(runs: Sequence[ScoredRun]) -> TextTable:
 
 
 def difference_table(parts: Sequence[RunDifferences]) -> TextTable:
-    """Every figure of every run against its baseline, one row each."""
+    """Tabulate every metric of every run against its baseline, one row each."""
     columns = (
-        *(Column(name) for name in ("run", "baseline", "figure", "baseline value", "value")),
+        *(Column(name) for name in ("run", "baseline", "metric", "baseline value", "value")),
         Column("difference", signed=True),
         Column("low", signed=True),
         Column("high", signed=True),
-        Column("real"),
+        Column("significance"),
         Column("scenes"),
     )
     rows: list[tuple[Cell, ...]] = []
     for part in parts:
         for row in part.rows:
-            names = (part.run, part.baseline, figure_name(row.key))
+            names = (part.run, part.baseline, metric_name(row.key))
             numbers = (row.baseline, row.value, row.difference, row.low, row.high)
-            rows.append((*names, *numbers, verdict(row), row.scenes))
+            rows.append((*names, *numbers, significance(row), row.scenes))
     return TextTable(
         "differences", "Differences to the baseline", columns, tuple(rows), f"{METHOD}. {OFFICIAL}"
     )
 
 
 def leading_differences(parts: Sequence[RunDifferences]) -> Iterator[TextTable]:
-    """For the terminal, a table a baseline: leading figures in rows, runs in columns."""
+    """Yield a table per baseline for the terminal: main metrics in rows, runs in columns."""
     for baseline in dict.fromkeys(part.baseline for part in parts):
         group = [part for part in parts if part.baseline == baseline]
         shown = [{row.key: row for row in part.rows if _leads(row.key)} for part in group]
@@ -160,14 +161,14 @@ def leading_differences(parts: Sequence[RunDifferences]) -> Iterator[TextTable]:
         for key in dict.fromkeys(key for rows_of in shown for key in rows_of):
             found = [rows_of.get(key) for rows_of in shown]
             value = next(row.baseline for row in found if row is not None)
-            rows.append((figure_name(key), value, *(_difference_text(row) for row in found)))
-        columns = (Column("figure"), Column(baseline), *(Column(part.run) for part in group))
+            rows.append((metric_name(key), value, *(_difference_text(row) for row in found)))
+        columns = (Column("metric"), Column(baseline), *(Column(part.run) for part in group))
         title = f"Difference to {baseline} over {group[0].scenes} scenes"
         yield TextTable("differences", title, columns, tuple(rows), _note(group))
 
 
 def compact(table: TextTable, titles: Sequence[str], parts: Sequence[str]) -> TextTable:
-    """For the terminal: leading rows only, and the columns of each run in one."""
+    """Shorten a table for the terminal: main rows only, the columns of each run in one."""
     size = len(parts)
     rows: list[tuple[Cell, ...]] = []
     for cells in table.texts():
@@ -178,19 +179,19 @@ def compact(table: TextTable, titles: Sequence[str], parts: Sequence[str]) -> Te
     return TextTable(table.name, f"{table.title}: {' | '.join(parts)}", columns, tuple(rows))
 
 
-def figure_name(key: MetricKey) -> str:
-    """Name of a figure in a table of differences, with its unit."""
+def metric_name(key: MetricKey) -> str:
+    """Return the name of a metric in a table of differences, with its unit."""
     what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
     row = "" if key.table == "tracking" else f"{key.row}, "
     unit = f" ({key.unit})" if key.unit else ""
     return f"{what[key.table]}{row}{key.metric}{unit}"
 
 
-def verdict(row: PairedDifference) -> str:
-    """Whether a difference is real, in a word or two."""
+def significance(row: PairedDifference) -> str:
+    """Return whether a difference is significant, in a word or two."""
     if row.low != row.low:
         return "one scene" if row.scenes == 1 else "no interval"
-    return {True: "better", False: "worse", None: "not shown"}[row.better]
+    return {True: "better", False: "worse", None: "not significant"}[row.better]
 
 
 def _leads(key: MetricKey) -> bool:
@@ -201,8 +202,8 @@ def _difference_text(row: PairedDifference | None) -> str:
     if row is None or row.difference != row.difference:
         return "–"
     if row.low != row.low:
-        return f"{row.difference:+.3f} [{verdict(row)}]"
-    found = "" if row.better is None else f" {verdict(row)}"
+        return f"{row.difference:+.3f} [{significance(row)}]"
+    found = "" if row.better is None else f" {significance(row)}"
     return f"{row.difference:+.3f} ± {row.high - row.difference:.3f}{found}"
 
 

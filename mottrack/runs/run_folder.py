@@ -1,29 +1,47 @@
-"""The folder of a run: its configuration and the result of every scene."""
+"""The folder of a run: its configuration, what it was made with, and the result of every scene."""
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import json
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-from mottrack.core.errors import ConfigError, ResultError
+import mottrack
+from mottrack.core.errors import ConfigError, DataError, ResultError, unknown_name
 from mottrack.core.result import SceneResult
-from mottrack.core.snapshot import save_snapshots
+from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
 from mottrack.core.storage import discard_unfinished, write_text
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
-from mottrack.runs.fingerprint import fingerprint
 
 RESULT, SNAPSHOTS = ".npz", ".snapshots.npz"
+PACKAGE = Path(mottrack.__file__).parent
+SOURCES = (
+    "core",
+    "lidar",
+    "geometry",
+    "formats",
+    "world",
+    "datasets",
+    "flow",
+    "objects",
+    "trackers",
+    "experiment",
+    "pipeline",
+)
+"""Packages whose code decides the result of a scene; evaluation, reports and pictures read it."""
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Where an experiment keeps its configuration and the result of every scene."""
+    """Paths of a run's files, and their reading and writing."""
 
     path: Path
 
@@ -34,24 +52,29 @@ class RunFolder:
 
     @property
     def identity_file(self) -> Path:
-        """What made the results: see `fingerprint`."""
+        """What the results were made with: see `fingerprint`."""
         return self.path / "run.json"
 
     def scene_file(self, scene: str) -> Path:
-        """The stored result of a scene."""
-        return self.path / "scenes" / f"{_file_name(scene)}{RESULT}"
+        """Return the path of a scene's result."""
+        return self._file(scene, RESULT)
 
     def timings_file(self, scene: str) -> Path:
-        """Seconds per stage and frame, kept apart since they differ from run to run."""
-        return self.path / "scenes" / f"{_file_name(scene)}.timings.json"
+        """Return the path of the seconds per stage and key frame, which differ between runs."""
+        return self._file(scene, ".timings.json")
 
     def snapshots_file(self, scene: str) -> Path:
-        """Points, flow and objects of its key frames, if kept: core.snapshot."""
-        return self.path / "scenes" / f"{_file_name(scene)}{SNAPSHOTS}"
+        """Return the path of points, flow and objects of key frames, if kept: core.snapshot."""
+        return self._file(scene, SNAPSHOTS)
 
     def latency_file(self, scene: str) -> Path:
-        """Seconds per stage of every step, key frame or not."""
-        return self.path / "scenes" / f"{_file_name(scene)}.latency.json"
+        """Return the path of the seconds per stage of every step, key frame or not."""
+        return self._file(scene, ".latency.json")
+
+    def _file(self, scene: str, suffix: str) -> Path:
+        if scene in ("", ".", "..") or "/" in scene or "\\" in scene or "\0" in scene:
+            raise ConfigError(f"scene name {scene!r} can't be a file name")
+        return self.path / "scenes" / f"{scene}{suffix}"
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -59,17 +82,17 @@ class RunFolder:
         names = (file.name for file in (self.path / "scenes").glob(f"*{RESULT}"))
         return tuple(sorted(n.removesuffix(RESULT) for n in names if not n.endswith(SNAPSHOTS)))
 
-    def claim(self, experiment: Experiment) -> None:
-        """Writes the configuration, or checks that the folder already belongs to it.
+    def reserve(self, experiment: Experiment) -> None:
+        """Write the configuration, or check that the folder already belongs to it.
 
         Raises:
             ConfigError: the folder holds results of another configuration, code or weights.
             DataError: a file of weights is missing.
         """
-        mine = fingerprint(experiment)
+        wanted = fingerprint(experiment)
         if self.identity_file.exists():
-            theirs = _read_json(self.identity_file)
-            other = [what for what in (mine | theirs) if theirs.get(what) != mine.get(what)]
+            stored = _read_json(self.identity_file)
+            other = [what for what in (wanted | stored) if stored.get(what) != wanted.get(what)]
             if other:
                 raise ConfigError(
                     f"{self.path} holds results of another {', another '.join(other)} (run.json); "
@@ -79,15 +102,15 @@ class RunFolder:
         header = f"# resolved configuration, sha256 {experiment.hash}\n"
         text = yaml.safe_dump(experiment.resolved(), sort_keys=False, allow_unicode=True)
         write_text(self.config_file, header + text)
-        write_text(self.identity_file, json.dumps(mine, indent=2) + "\n")
+        write_text(self.identity_file, json.dumps(wanted, indent=2) + "\n")
 
-    def tidy(self) -> None:
-        """Removes what killed writers left."""
+    def remove_partial(self) -> None:
+        """Remove the temporary files of writers that were killed."""
         discard_unfinished(self.path)
         discard_unfinished(self.path / "scenes")
 
     def finished(self, scene: str) -> bool:
-        """Whether the scene's result is there and undamaged; a damaged one is removed."""
+        """Return whether the scene's result is there and undamaged; remove a damaged one."""
         path = self.scene_file(scene)
         if not path.exists():
             return False
@@ -99,7 +122,7 @@ class RunFolder:
         return True
 
     def store(self, run: SceneRun) -> None:
-        """Writes what a scene left; the result itself last, since it says that all is there."""
+        """Write the results of a scene; the result file last, since it marks the scene finished."""
         result = run.result
         if run.snapshots:
             save_snapshots(self.snapshots_file(result.name), run.snapshots)
@@ -109,7 +132,7 @@ class RunFolder:
         result.save(self.scene_file(result.name))
 
     def load(self, scene: str) -> SceneResult:
-        """A stored result with its timings.
+        """Read a stored result with its timings.
 
         Raises:
             ResultError: it is missing or damaged.
@@ -120,20 +143,23 @@ class RunFolder:
         stored = _read_json(self.timings_file(scene))
         return replace(result, timings_s={k: np.array(v) for k, v in stored.items()})
 
+    def load_snapshots(self, scene: str) -> list[Snapshot]:
+        """Read the key frames of a scene; none where the run did not keep them.
+
+        Raises:
+            ResultError: the file is damaged.
+        """
+        path = self.snapshots_file(scene)
+        return load_snapshots(path) if path.exists() else []
+
     def times(self, scene: str) -> StepTimes | None:
-        """Times of every step; None where they were not kept.
+        """Read the times of every step; None where they were not stored.
 
         Raises:
             ResultError: the file is damaged.
         """
         path = self.latency_file(scene)
         return StepTimes.of(_read_json(path), path) if path.exists() else None
-
-
-def _file_name(scene: str) -> str:
-    if scene in ("", ".", "..") or "/" in scene or "\\" in scene or "\0" in scene:
-        raise ConfigError(f"scene name {scene!r} can't be a file name")
-    return scene
 
 
 def _read_json(path: Path) -> dict[str, object]:
@@ -144,3 +170,92 @@ def _read_json(path: Path) -> dict[str, object]:
     if not isinstance(content, dict):
         raise ResultError(path, "content", type(content).__name__, "a mapping")
     return content
+
+
+@dataclass(frozen=True)
+class StoredScene:
+    """The result of a scene and, where the run kept them, points and flow of its key frames."""
+
+    result: SceneResult
+    snapshots: list[Snapshot]
+
+    @classmethod
+    def load(cls, run: Path, scene: str) -> StoredScene:
+        """Read one scene of a run.
+
+        Raises:
+            ResultError: a file is missing or damaged.
+        """
+        folder = RunFolder(run)
+        return cls(folder.load(scene), folder.load_snapshots(scene))
+
+
+def stored_scenes(run: Path) -> tuple[str, ...]:
+    """Return the finished scenes of a run, in order; those with stored key frames first.
+
+    Raises:
+        ConfigError: the folder holds several runs.
+        ResultError: it holds none, or no scene of it is finished.
+    """
+    folder = RunFolder(run)
+    if not folder.config_file.exists():
+        inside = sorted(path.parent.name for path in run.glob("*/config.yaml"))
+        if inside:
+            raise ConfigError(f"{run} holds several runs; name one of: {', '.join(inside)}")
+        raise ResultError(run, "content", "no config.yaml", "the folder of a run")
+    if not folder.scenes:
+        raise ResultError(run, "finished scenes", "none", "scenes/<scene>.npz")
+    return tuple(sorted(folder.scenes, key=lambda name: not folder.snapshots_file(name).exists()))
+
+
+def pick_scene(run: Path, scene: str | None) -> str:
+    """Return the scene of that name; without a name the first one.
+
+    Raises:
+        ConfigError: the run has no such scene, or as `stored_scenes`.
+        ResultError: as `stored_scenes`.
+    """
+    names = stored_scenes(run)
+    if scene is None:
+        return names[0]
+    if scene not in names:
+        raise unknown_name(f"scene of {run}", scene, names)
+    return scene
+
+
+def fingerprint(experiment: Experiment) -> dict[str, str]:
+    """Return what results are made with, by name: configuration, version, code and weights.
+
+    Raises:
+        DataError: a file of weights is missing.
+    """
+    files = [file for part in experiment.parts for file in part.files()]
+    plug_ins = [part.cls for part in experiment.parts if ":" in part.kind]
+    sources = sorted({Path(file) for cls in plug_ins if (file := inspect.getsourcefile(cls))})
+    return {
+        "configuration": experiment.hash,
+        "version": mottrack.__version__,
+        "code": hashlib.sha256((_package_digest() + _digest(sources)).encode()).hexdigest(),
+        **{f"weights {file.name}": _digest([file]) for file in files},
+    }
+
+
+@cache
+def _package_digest() -> str:
+    """Return the digest of the package's sources, once per process: it runs what it imported."""
+    modules = [PACKAGE / "compiled.py", PACKAGE / "config.py"]
+    inside = [file for name in SOURCES for file in (PACKAGE / name).rglob("*.py")]
+    return _digest(sorted([*modules, *inside]))
+
+
+def _digest(files: list[Path]) -> str:
+    """Return the SHA-256 of names and contents, in the order given."""
+    digest = hashlib.sha256()
+    for file in files:
+        name = file.relative_to(PACKAGE) if file.is_relative_to(PACKAGE) else file.name
+        digest.update(f"{name}\0".encode())
+        try:
+            digest.update(file.read_bytes())
+        except OSError as error:
+            raise DataError(file, "file", error.strerror, "a readable file") from error
+    return digest.hexdigest()

@@ -1,8 +1,7 @@
-"""Runs the scenes of an experiment in supervised processes, and picks up where it stopped."""
+"""Run the scenes of experiments in supervised processes; resume interrupted runs."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -16,7 +15,7 @@ from mottrack.runs.workers import Outcome, Progress, Task, run_tasks
 
 @dataclass(frozen=True)
 class Job:
-    """An experiment and where its results are kept."""
+    """An experiment and the folder of its results."""
 
     experiment: Experiment
     folder: RunFolder
@@ -24,24 +23,22 @@ class Job:
 
 @dataclass(frozen=True)
 class RunReport:
-    """What became of the scenes."""
+    """Finished and failed scenes of a run."""
 
     finished: tuple[str, ...]
     failed: dict[str, str]
     """Scene to the reason, one line each."""
     resumed: int
-    """How many of the finished scenes were there already."""
-    wall_s: float
+    """Number of finished scenes that an earlier run had stored."""
 
 
 def run_experiment(
     experiment: Experiment, folder: RunFolder, *, workers: int, progress: Progress
 ) -> RunReport:
-    """Runs every scene that has no result yet; one that fails does not lose the others.
+    """Run every scene that has no result yet; a failure does not affect the others.
 
     Raises:
-        ConfigError: a scene is unknown, or the folder belongs to another configuration, other code
-            or other weights.
+        ConfigError: as `run_jobs`.
     """
     return run_jobs([Job(experiment, folder)], workers=workers, progress=progress)[0]
 
@@ -49,18 +46,17 @@ def run_experiment(
 def run_jobs(
     jobs: Sequence[Job], *, workers: int, progress: Progress, title: str = ""
 ) -> list[RunReport]:
-    """The same for several experiments in one pool: none waits for another's last scene.
+    """Run several experiments in one pool: none waits for another's last scene.
 
-    They take turns scene by scene: what slows the machine for a while slows them all alike.
+    They alternate scene by scene: what slows the machine for a while slows them all alike.
 
     Raises:
         ConfigError: a scene is unknown, or a folder belongs to another configuration, other code
             or other weights.
     """
-    start = time.perf_counter()
     scenes = [scene_names(job.experiment) for job in jobs]
     for job in jobs:
-        job.folder.claim(job.experiment)
+        job.folder.reserve(job.experiment)
     todo = (
         [Task(job.experiment, s, job.folder.path) for s in names if not job.folder.finished(s)]
         for job, names in zip(jobs, scenes, strict=True)
@@ -71,18 +67,17 @@ def run_jobs(
         outcomes = run_tasks(tasks, scene_task, workers=workers, progress=progress)
     finally:
         for job in jobs:
-            job.folder.tidy()
-    wall_s = time.perf_counter() - start
+            job.folder.remove_partial()
     return [
-        _report(names, [o for o in outcomes if o.folder == job.folder.path], wall_s)
+        _report(names, [o for o in outcomes if o.folder == job.folder.path])
         for job, names in zip(jobs, scenes, strict=True)
     ]
 
 
-def _report(scenes: tuple[str, ...], outcomes: list[Outcome], wall_s: float) -> RunReport:
+def _report(scenes: tuple[str, ...], outcomes: list[Outcome]) -> RunReport:
     failed = {o.scene: o.error for o in outcomes if o.error}
     finished = tuple(scene for scene in scenes if scene not in failed)
-    return RunReport(finished, failed, len(scenes) - len(outcomes), wall_s)
+    return RunReport(finished, failed, len(scenes) - len(outcomes))
 
 
 def _title(jobs: Sequence[Job]) -> str:
@@ -93,7 +88,7 @@ def _title(jobs: Sequence[Job]) -> str:
 
 
 def scene_names(experiment: Experiment) -> tuple[str, ...]:
-    """The scenes that the experiment asks for, in the data set's order.
+    """Return the scenes that the experiment asks for, in the data set's order.
 
     Raises:
         ConfigError: the data set has no scene, or not one that is asked for.
@@ -107,18 +102,18 @@ def scene_names(experiment: Experiment) -> tuple[str, ...]:
         return tuple(known)
     for scene in wanted:
         if scene not in known:
-            dataset.scene(scene)  # a data set may open scenes it does not list; else it complains
+            dataset.scene(scene)  # a data set may open scenes that it does not list; else it raises
     return tuple(wanted)
 
 
 def scene_task(task: Task, on_frame: Callable[[int, int], None]) -> None:
-    """Runs one scene and stores its result: what a worker does."""
+    """Run one scene and store its result: the work of a worker process."""
     experiment = task.experiment
     dataset = experiment.dataset.make()
-    drawn = (experiment.settings.scenes or dataset.scene_names)[
+    kept = (experiment.settings.scenes or dataset.scene_names)[
         : experiment.settings.snapshots.scenes
     ]
     run = run_scene(
-        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in drawn
+        experiment, dataset.scene(task.scene), on_frame, keep_snapshots=task.scene in kept
     )
     RunFolder(task.folder).store(run)

@@ -1,10 +1,8 @@
-"""What a run shows on the terminal: a progress bar while it works, tables at its end."""
+"""Terminal output of runs: a progress bar, and tables at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from types import TracebackType
-from typing import Self
 
 from rich.console import Console
 from rich.markup import escape
@@ -12,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from mottrack.formats.text_table import TextTable
-from mottrack.runs.comparison import Comparison, ScoredRun
+from mottrack.runs.comparison import Comparison
 from mottrack.runs.comparison_tables import (
     FLOW_PARTS,
     VELOCITY_PARTS,
@@ -20,11 +18,12 @@ from mottrack.runs.comparison_tables import (
     comparison_tables,
     leading_differences,
 )
+from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.workers import Outcome
 
 
-class TerminalProgress:
-    """One bar a run; scenes count in full when they are done and in part while they work."""
+class TerminalProgress(Progress):
+    """One progress bar per run, which counts finished scenes and names the one in progress."""
 
     def __init__(self, console: Console | None = None) -> None:
         columns = (
@@ -35,43 +34,31 @@ class TerminalProgress:
             TimeRemainingColumn(),
             TextColumn("[dim]{task.fields[now]}"),
         )
-        self._progress = Progress(*columns, console=console)
-        self._task = self._progress.add_task("", visible=False, now="")
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._progress.stop()
+        super().__init__(*columns, console=console)
+        self._task = self.add_task("", visible=False, now="")
 
     def begin(self, title: str, scenes: int, todo: int) -> None:
-        """Starts a new bar; scenes that are there already count as done."""
-        resumed = f"{scenes - todo} already there" if todo < scenes else ""
-        self._task = self._progress.add_task(
+        """Start a new bar; scenes with a stored result count as done."""
+        resumed = f"{scenes - todo} already stored" if todo < scenes else ""
+        self._task = self.add_task(
             title or "run", total=scenes, completed=scenes - todo, now=resumed
         )
 
     def frames(self, scene: str, done: int, total: int) -> None:
-        """Names the scene that works and how far it is."""
-        self._progress.update(self._task, now=f"{scene} {done}/{total}")
+        """Show the scene in progress and its frames."""
+        self.update(self._task, now=f"{scene} {done}/{total}")
 
     def scene_ends(self, outcome: Outcome) -> None:
-        """Moves the bar; what went wrong is told in full at the end."""
+        """Advance the bar; the reasons of failures are printed at the end."""
         failed = f"{outcome.scene} failed" if outcome.error else ""
-        self._progress.update(self._task, advance=1, now=failed)
+        self.update(self._task, advance=1, now=failed)
 
 
-FILE_WIDTH = 140  # columns of a table that goes into a file or a pipe
+FILE_WIDTH = 140  # characters, of a table that is printed to a file or a pipe
 
 
 def print_comparison(comparison: Comparison, console: Console | None = None) -> None:
-    """Prints the tables of a comparison and where everything is stored."""
+    """Print the tables of a comparison and the paths of its files."""
     console = console or Console()
     if not console.is_terminal:
         console.width = FILE_WIDTH
@@ -80,7 +67,7 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
     runs = [run for run in comparison.runs if run.report.finished]
     titles = [run.title for run in runs]
     if len(runs) > 1:
-        tables.pop("latency")  # the whole of it is among the stored tables
+        tables.pop("latency")  # long; it is among the stored tables
     for name, parts in (("velocity", VELOCITY_PARTS), ("flow", FLOW_PARTS)):
         if name in tables:
             tables[name] = compact(tables[name], titles, parts)
@@ -91,10 +78,10 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
 
 
 def _closing_lines(comparison: Comparison, runs: Sequence[ScoredRun]) -> Iterator[str]:
-    """Whether each run kept up with its sensor, what failed, and where everything is."""
+    """Yield the latency of each run, the failures and the paths of the files."""
     for run in runs:
         if run.latency is not None:
-            yield escape(f"latency {run.title}: {run.latency.verdict}")
+            yield escape(f"latency {run.title}: {run.latency.summary}")
     for name, reason in comparison.failed.items():
         yield f"[red]failed[/] {escape(f'{name}: {reason}')}"
     yield escape(f"figures: {comparison.out / 'scores.json'}")
@@ -103,7 +90,7 @@ def _closing_lines(comparison: Comparison, runs: Sequence[ScoredRun]) -> Iterato
 
 
 def rich_table(table: TextTable) -> Table:
-    """The table as the terminal shows it; rows of the same first cell form a group."""
+    """Convert a table for the terminal; rows with the same first cell form a section."""
     shown = Table(*(column.name for column in table.columns), title=table.title)
     shown.caption = table.note or None
     texts = table.texts()

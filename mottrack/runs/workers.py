@@ -1,4 +1,4 @@
-"""Processes that each run one scene at a time; when one dies, only its scene is lost."""
+"""A pool of worker processes, one scene each; if a worker dies, only its scene is lost."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ from mottrack.experiment.experiment import Experiment
 
 Key = tuple[Path, str]
 OnFrame = Callable[[int, int], None]
-ATTEMPTS = 2  # a worker that is killed from outside gets its scene a second chance
-FRAMES_A_MESSAGE = 10
+ATTEMPTS = 2
+"""Per scene: a worker may be killed for lack of memory while another one peaks."""
+FRAMES_PER_MESSAGE = 10
+"""Frames between two messages of progress: about one a second, so that pipes stay idle."""
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -42,13 +44,13 @@ class Task:
 
     @property
     def key(self) -> Key:
-        """What tells it from other tasks: a scene may be there once a run."""
+        """Identity of the task: every run may have a scene of that name."""
         return self.folder, self.scene
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task; an empty error means that its result is stored."""
+    """End of a task; an empty error means that its result is stored."""
 
     scene: str
     error: str = ""
@@ -56,18 +58,18 @@ class Outcome:
 
 
 class Progress(Protocol):
-    """Is told how the work goes on."""
+    """Receives the progress of the work."""
 
     def begin(self, title: str, scenes: int, todo: int) -> None:
-        """A run starts: so many scenes in all, so many still to do."""
+        """Start a run of ``scenes`` scenes, of which ``todo`` have no result yet."""
         ...
 
     def frames(self, scene: str, done: int, total: int) -> None:
-        """A scene has got that far."""
+        """Report the frames of a scene that are done."""
         ...
 
     def scene_ends(self, outcome: Outcome) -> None:
-        """A scene is finished or has failed."""
+        """Report a scene that is finished or has failed."""
         ...
 
 
@@ -85,10 +87,10 @@ class _Worker:
 def run_tasks(
     tasks: Sequence[Task], work: Work, *, workers: int, progress: Progress
 ) -> list[Outcome]:
-    """Runs every task in one of ``workers`` processes.
+    """Run every task in one of ``workers`` processes.
 
-    Each process computes with one thread, so that results do not depend on how many there are.
-    A task that raises fails at once; one whose process dies is tried once more, in a new process.
+    Each process computes with one thread, so that results do not depend on their number. A task
+    that raises fails at once; one whose process dies is tried once more, in a new process.
 
     Returns:
         The outcomes in the order of the tasks.
@@ -96,18 +98,18 @@ def run_tasks(
     pool = _Pool(work, progress, deque(tasks))
     try:
         for _ in range(min(max(workers, 1), len(tasks))):
-            pool.hire()
+            pool.start_worker()
         while pool.busy:
             for connection in wait(list(pool.busy)):
-                pool.listen(pool.busy[cast(Connection, connection)])
+                pool.receive(pool.busy[cast(Connection, connection)])
     finally:
-        pool.dismiss()
+        pool.terminate()
     return [pool.outcomes[task.key] for task in tasks]
 
 
 @dataclass
 class _Pool:
-    """Processes that live on from task to task, and who does what."""
+    """Processes that work on one task after the other."""
 
     work: Work
     progress: Progress
@@ -117,25 +119,25 @@ class _Pool:
     outcomes: dict[Key, Outcome] = field(default_factory=dict)
     deaths: Counter[Key] = field(default_factory=Counter)
 
-    def hire(self) -> None:
-        """Starts a process and gives it a task."""
+    def start_worker(self) -> None:
+        """Start a process and give it a task."""
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs, self.work), daemon=True)
-        with _as_child():
+        with _child_environment():
             process.start()
         theirs.close()
         self._give_task(_Worker(process, ours))
 
-    def listen(self, worker: _Worker) -> None:
-        """Takes one message of a worker: how far it is, the end of its task, or its death."""
+    def receive(self, worker: _Worker) -> None:
+        """Receive one message of a worker: its progress, the end of its task, or its death."""
         task = worker.task
         if task is None:
             return
         try:
             message = worker.connection.recv()
         except (EOFError, ConnectionResetError):
-            self._bury(worker, task)
+            self._retry(worker, task)
             return
         if isinstance(message, Outcome):
             self._end(message)
@@ -143,8 +145,8 @@ class _Pool:
         else:
             self.progress.frames(task.scene, *message)
 
-    def dismiss(self) -> None:
-        """Ends every process, working or not."""
+    def terminate(self) -> None:
+        """Terminate every process, busy or idle."""
         for worker in [*self.busy.values(), *self.idle]:
             worker.process.terminate()
             worker.process.join()
@@ -158,7 +160,8 @@ class _Pool:
         self.busy[worker.connection] = worker
         worker.connection.send(worker.task)
 
-    def _bury(self, worker: _Worker, task: Task) -> None:
+    def _retry(self, worker: _Worker, task: Task) -> None:
+        """Queue the task of a dead worker again, unless it was the last attempt."""
         del self.busy[worker.connection]
         worker.process.join()
         self.deaths[task.key] += 1
@@ -167,23 +170,18 @@ class _Pool:
         else:
             self._end(Outcome(task.scene, DIED, task.folder))
         if self.queue:
-            self.hire()
+            self.start_worker()
 
     def _end(self, outcome: Outcome) -> None:
         self.outcomes[outcome.folder, outcome.scene] = outcome
         self.progress.scene_ends(outcome)
 
 
-def available_cores() -> int:
-    """How many processes can work at once here."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _serve(connection: Connection, work: Work) -> None:
-    """Works on one task after the other until nobody sends any more."""
+    """Work on one task after the other until the parent closes the connection."""
 
     def on_frame(done: int, total: int) -> None:
-        if done % FRAMES_A_MESSAGE == 0 or done == total:
+        if done % FRAMES_PER_MESSAGE == 0 or done == total:
             connection.send((done, total))
 
     end_with_parent()
@@ -191,7 +189,7 @@ def _serve(connection: Connection, work: Work) -> None:
         try:
             connection.send(_outcome(connection.recv(), work, on_frame))
         except (EOFError, BrokenPipeError, ConnectionResetError):
-            return  # the parent is no more
+            return  # the parent has ended
 
 
 def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
@@ -201,7 +199,7 @@ def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
         raise
     except MottrackError as error:
         return Outcome(task.scene, str(error), task.folder)
-    except Exception as error:  # noqa: BLE001 - the scene fails, whatever it was; the others go on
+    except Exception as error:  # noqa: BLE001 - only this scene fails, whatever the error
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}:{place.lineno}"
         return Outcome(task.scene, f"{type(error).__name__}: {error} ({where})", task.folder)
@@ -209,14 +207,14 @@ def _outcome(task: Task, work: Work, on_frame: OnFrame) -> Outcome:
 
 
 @contextmanager
-def _as_child() -> Iterator[None]:
-    """Child processes started inside compute with one thread each and are deaf to Ctrl-C.
+def _child_environment() -> Iterator[None]:
+    """Start child processes within the block with one thread each and with SIGINT blocked.
 
-    An interrupt is for the parent, which ends them.
+    Ctrl-C is handled by the parent, which terminates them.
     """
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
-    # starting the tracker lets SIGINT through again: later, and the first child would hear it
+    # starting the tracker unblocks SIGINT, so it has to run before SIGINT is blocked
     resource_tracker.ensure_running()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

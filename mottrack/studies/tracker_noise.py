@@ -23,7 +23,7 @@ from mottrack.trackers.noise_estimation.estimate import (
     estimate_noise,
     estimate_velocity_noise,
 )
-from mottrack.trackers.noise_estimation.samples import PairCollector
+from mottrack.trackers.noise_estimation.samples import SampleCollector
 
 OnScene = Callable[[str, int, int], None]
 
@@ -78,14 +78,14 @@ def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> 
     if not isinstance(config, KalmanConfig):
         raise ConfigError(f"tracker is '{experiment.tracker.kind}', expected kalman")
     dataset, names = experiment.dataset.make(), scene_names(experiment)
-    collector, scenes = PairCollector(), []
+    collector, scenes = SampleCollector(), []
     for k, name in enumerate(names):
         frames = list(_truth_frames(experiment, dataset.scene(name)))
         for objects, truth in frames:
             collector.add(name, objects, truth)
         scenes.append(frames)
         on_scene(name, k + 1, len(names))
-    pairs = collector.pairs()
+    pairs = collector.samples()
     classes, velocity = estimate_noise(pairs), estimate_velocity_noise(pairs)
     settings = _settings(classes, velocity, config)
     before, after = (

@@ -28,6 +28,7 @@ TRUTH_COLOUR, TRACK_COLOUR, POINT_COLOUR, STILL_COLOUR = "#2e9e5b", "#c2410c", "
 SIDE_INCH, DOTS_PER_INCH = 7.6, 100  # Pictures of 760 pixels, which fit on any screen
 LEGEND = (("truth", TRUTH_COLOUR, 1.6), ("track, number, velocity", TRACK_COLOUR, 0.8))
 
+# style of a track number: as small as a screen shows it, over whatever is drawn
 NUMBER: dict[str, Any] = {
     "fontsize": 7,
     "color": TRACK_COLOUR,

@@ -16,6 +16,7 @@ from mottrack.world.catalogue import Size
 from mottrack.world.materials import CLOTH, FRAME, GLASS, PAINT, PLAIN, Surface
 from mottrack.world.solids import BOX, CYLINDER, ELLIPSOID, Solids, SolidsBuilder, concatenate
 
+# reflectance of black rubber and of a dirty underbody, chosen by eye
 _RUBBER, _CHASSIS = Surface(PLAIN, 0.06), Surface(PLAIN, 0.1)
 _LARGE_WHEEL_M, _CAR_WHEEL_M = 0.48, 0.31
 """Radius of tyres of the sizes 295/80 R 22.5 and 205/55 R 16."""

@@ -26,7 +26,7 @@ _PLACES = ("urban", "residential", "motorway")
 _PLACE_SHARES = (0.5, 0.3, 0.2)
 _FASTEST_MPS = {"urban": 14.0, "residential": 9.0, "motorway": 32.0}
 """Sets how long the roads are, a little under the highest limits of roads.py."""
-_UNKNOWN_PER_SCENE = 1.5
+_UNKNOWN_PER_SCENE = 1.5  # mean of a Poisson number: most scenes have one, some have none
 
 
 @dataclass(frozen=True)

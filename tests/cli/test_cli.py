@@ -22,14 +22,14 @@ def run_cli(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedPro
         ("import mottrack.cli", "scipy pydantic torch gtsam numba matplotlib"),
     ],
 )
-def test_importing_brings_in_nothing_heavy(statement: str, forbidden: str) -> None:
+def test_importing_loads_no_heavy_library(statement: str, forbidden: str) -> None:
     code = f"import sys; {statement}; print(*[m for m in {forbidden.split()} if m in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = found.stdout.split()
     assert loaded == []
 
 
-def test_an_error_is_one_line_without_traceback_and_exit_code_2(tmp_path: Path) -> None:
+def test_a_user_error_is_one_line_without_traceback_and_exit_code_2(tmp_path: Path) -> None:
     done = run_cli("run", "demo", "flow=ipc", "--out", str(tmp_path))
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
@@ -37,16 +37,18 @@ def test_an_error_is_one_line_without_traceback_and_exit_code_2(tmp_path: Path) 
     assert "demo.yaml: unknown flow source 'ipc' (did you mean 'icp'?); valid: " in done.stderr
 
 
-def test_list_says_what_each_part_is() -> None:
+def test_list_prints_a_summary_of_each_part() -> None:
     done = run_cli("list", "flows")
     assert done.returncode == 0
     lines = {line.split()[0]: line.split(maxsplit=1)[1] for line in done.stdout.splitlines()}
-    assert lines["zero"].startswith("Marks the occupied cells")
+    assert lines["zero"].startswith("No flow: marks the occupied cells")
     assert all(lines.values())
-    assert run_cli("list", "flow").returncode == 2
+    unknown = run_cli("list", "metrics")
+    assert unknown.returncode == 2
+    assert "valid: datasets, flows, objects, trackers" in unknown.stderr
 
 
-def test_main_lets_no_user_error_through(
+def test_main_turns_a_user_error_into_an_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["mottrack", "run", "no_such_config", "--out", "x"])
@@ -71,14 +73,14 @@ def test_a_failed_scene_is_named_at_the_end_with_exit_code_3(
     assert (tmp_path / "out" / "report.html").exists()
 
 
-def test_what_the_file_system_refuses_is_one_line_too(tmp_path: Path) -> None:
+def test_an_error_of_the_file_system_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
     done = run_cli("run", "demo", "flow=zero", "--out", str(tmp_path / "file"))
     assert done.returncode == 2
     assert done.stderr == f"mottrack: {tmp_path / 'file'}: File exists\n"
 
 
-def test_ctrl_c_ends_everything_at_once_and_leaves_nothing_half_written(
+def test_ctrl_c_stops_all_processes_and_leaves_no_partial_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "plugins"))
@@ -98,9 +100,15 @@ def test_ctrl_c_ends_everything_at_once_and_leaves_nothing_half_written(
     )
     while run.poll() is None and not list(out.glob("scenes/*.npz")):
         time.sleep(0.02)
-    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to the workers as well
+    os.killpg(run.pid, signal.SIGINT)  # to the workers as well, like a terminal
     _, complaints = run.communicate(timeout=60)
     assert run.returncode == 130
     assert complaints.strip() == ""
     assert 0 < len(list(out.glob("scenes/*.npz"))) < 8  # four results, four sets of pictures
     assert not list(out.rglob("*.part"))
+
+
+def test_every_command_of_runs_has_an_example_in_its_help() -> None:
+    for command in ("run", "compare", "demo", "list", "report", "paper"):
+        shown = run_cli(command, "--help").stdout
+        assert f"Example: mottrack {command} " in shown

@@ -56,6 +56,6 @@ def test_a_transposed_matrix_is_refused_instead_of_losing_its_translation() -> N
         (np.eye(4), np.zeros(3), "shape of rotation"),
     ],
 )
-def test_what_is_no_pose_is_refused(rotation: object, translation: object, words: str) -> None:
+def test_an_invalid_pose_is_refused(rotation: object, translation: object, words: str) -> None:
     with pytest.raises(InputError, match=words):
         Pose(rotation, translation)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A helper does not outlive the process that started it."""
+"""A worker process does not outlive its parent."""
 
 import os
 import signal
@@ -23,7 +23,7 @@ if __name__ == "__main__":
 
 
 def alive(process: int) -> bool:
-    """Whether it still runs; one that nobody has buried yet does not."""
+    """Return whether the process runs; a zombie does not."""
     try:
         return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -45,4 +45,4 @@ def test_a_worker_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
             return
         time.sleep(0.02)
     os.kill(worker, signal.SIGKILL)
-    pytest.fail(f"worker {worker} lived on")
+    pytest.fail(f"worker {worker} is still running")

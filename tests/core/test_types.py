@@ -68,7 +68,8 @@ def test_boxes_survive_a_round_trip_through_another_frame(seed: int) -> None:
     after = before.transformed(pose, "ego").transformed(pose.inverse(), "world")
     np.testing.assert_allclose(after.centre_m, before.centre_m, atol=1e-9)
     np.testing.assert_allclose(np.cos(after.yaw_rad - before.yaw_rad), 1, atol=1e-12)
-    assert after.velocity is not None and before.velocity is not None
+    assert after.velocity is not None
+    assert before.velocity is not None
     np.testing.assert_allclose(after.velocity.mean_mps, before.velocity.mean_mps, atol=1e-12)
     np.testing.assert_allclose(
         after.velocity.covariance_m2ps2, before.velocity.covariance_m2ps2, atol=1e-12
@@ -82,7 +83,8 @@ def _unit(q: np.ndarray) -> np.ndarray:
 def test_select_takes_every_column_along() -> None:
     picked = some_objects().select(np.array([2, 0]))
     assert picked.label.tolist() == ["truck", "car"]
-    assert picked.velocity is not None and picked.hull is not None
+    assert picked.velocity is not None
+    assert picked.hull is not None
     assert len(picked.velocity) == len(picked.hull) == 2
 
 
@@ -104,7 +106,9 @@ def test_select_takes_every_column_along() -> None:
         ({"hull": (np.eye(2), np.full((3, 2), np.inf), np.eye(2))}, r"hull\[1\]\[0, 0\] is inf"),
     ],
 )
-def test_what_are_no_objects_is_refused_by_name(change: dict[str, object], words: str) -> None:
+def test_unusable_objects_are_refused_by_the_name_of_the_field(
+    change: dict[str, object], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         replace(some_objects(), **change)
 
@@ -114,7 +118,7 @@ def test_an_identity_occurs_once_at_a_stamp() -> None:
         replace(some_tracks(3), id=np.array([1, 7, 7]))
 
 
-def test_a_frame_and_a_sweep_want_a_pose_and_azimuths_that_ascend() -> None:
+def test_a_frame_and_a_sweep_require_a_pose_and_ascending_azimuths() -> None:
     matrix = np.eye(4)
     with pytest.raises(InputError, match="world_T_ego is of type ndarray, expected a Pose"):
         Frame(0, matrix)  # type: ignore[arg-type]
@@ -138,7 +142,7 @@ def test_a_velocity_with_a_negative_variance_is_refused_unless_masked() -> None:
     assert masked.mean_mps.tolist() == [[0.0, 0.0]]
 
 
-def test_arrays_can_not_be_changed_behind_the_checks() -> None:
+def test_checked_arrays_are_read_only() -> None:
     with pytest.raises(ValueError, match="read-only"):
         some_objects().centre_m[0] = np.nan
 
@@ -160,7 +164,7 @@ def test_the_default_grid_is_the_papers_and_odd_extents_are_refused() -> None:
         BevGrid(cell_m=0.3)
 
 
-def test_a_field_of_another_shape_than_its_grid_or_with_odd_weights_is_refused() -> None:
+def test_a_field_of_another_shape_than_its_grid_or_with_wrong_weights_is_refused() -> None:
     field = FlowField.empty(BevGrid(), 0)
     with pytest.raises(InputError, match="shape of velocity_mps"):
         replace(field, velocity_mps=np.zeros((2, 2, 2)))
@@ -211,7 +215,7 @@ def test_a_result_is_stored_byte_identically_and_read_back(tmp_path: Path) -> No
     assert back.frames.token.tolist() == ["t0", "t1"]
 
 
-def test_no_damage_to_a_stored_result_passes_unseen(tmp_path: Path) -> None:
+def test_any_damage_to_a_stored_result_is_detected(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     some_result().save(path)
     whole = path.read_bytes()
@@ -248,7 +252,7 @@ def test_boxes_outside_the_labelled_azimuth_do_not_count() -> None:
     np.testing.assert_array_equal(result.hulls[0], (tracks.hull or ())[2])
 
 
-def test_tracks_of_frames_that_nobody_annotated_are_no_errors() -> None:
+def test_tracks_of_frames_without_annotation_are_no_errors() -> None:
     pose = Pose.from_yaw(0.0)
     frames = [Frame(0, pose, truth=Truth.empty(0)), Frame(1, pose, truth=None)]
     steps = [replace(some_tracks(2), stamp_ns=k) for k in range(2)]

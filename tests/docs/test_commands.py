@@ -47,12 +47,12 @@ def test_commands_of(text: str) -> None:
 
 def unknown_name(word: str) -> bool:
     """Return whether ``flow=a,b`` names something that does not exist."""
-    from mottrack.experiment.plugins import TABLES
+    from mottrack.experiment.plugins import PARTS
 
     group, sign, values = word.partition("=")
-    if not sign or group not in TABLES or values.startswith("{"):
+    if not sign or group not in PARTS or values.startswith("{"):
         return False
-    known = {*TABLES[group][1], *(f.stem for f in (shipped_folder() / group).glob("*.yaml"))}
+    known = {*PARTS[group].table, *(f.stem for f in (shipped_folder() / group).glob("*.yaml"))}
     return any(v not in known and ":" not in v and v != "ipc" for v in values.split(","))
 
 

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from mottrack import Pipeline, Pose, Sweep
+from mottrack import BevGrid, Pipeline, Pose, Sweep
 from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
 
@@ -25,14 +25,14 @@ def test_streaming_prints_tracks_and_the_latency_of_each_stage() -> None:
         capture_output=True,
         text=True,
     )
-    *steps, head, _flow, ground, _objects, _velocity, _tracker, _total, verdict = (
+    *steps, head, _flow, ground, _objects, _velocity, _tracker, _total, summary = (
         run.stdout.splitlines()
     )
     assert len(steps) == 20
     assert all("tracks" in step for step in steps)
     assert head.split()[:4] == ["ms", "mean", "p50", "p99"]
     assert ground.split()[:3] == ["of", "it", "ground"]
-    assert verdict.startswith("budget 100 ms: ")
+    assert summary.startswith("budget 100 ms: ")
 
 
 @pytest.fixture
@@ -66,12 +66,12 @@ def test_a_custom_flow_source_measures_a_shift_and_accepts_empty_sweeps(own_flow
         sweep(block + np.array([5.1, 3.1, 0]), 0),
         sweep(block + np.array([6.1, 3.1, 0]), 2 * 10**8),
     )
-    field = own_flow.BlobFlow().estimate(before, after)
+    field = own_flow.BlobFlow(grid=BevGrid()).estimate(before, after)
     np.testing.assert_allclose(field.velocity_mps[field.valid].mean(axis=0), [5.0, 0.0], atol=0.01)
     assert (field.valid == field.occupied).all()
     nothing = sweep(np.zeros((0, 3)), 10**8)
-    assert not own_flow.BlobFlow().estimate(before, nothing).valid.any()
-    assert not own_flow.BlobFlow().estimate(nothing, after).valid.any()
+    assert not own_flow.BlobFlow(grid=BevGrid()).estimate(before, nothing).valid.any()
+    assert not own_flow.BlobFlow(grid=BevGrid()).estimate(nothing, after).valid.any()
 
 
 def test_own_detections_become_a_submission(tmp_path) -> None:

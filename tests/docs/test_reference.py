@@ -6,8 +6,7 @@ import importlib
 
 import pytest
 
-from mottrack.experiment.catalogue import catalogue
-from mottrack.experiment.plugins import TABLES
+from mottrack.experiment.plugins import PARTS
 from mottrack.experiment.settings import Settings
 from mottrack.flow.pillarflow.training.config import TrainConfig
 
@@ -17,21 +16,20 @@ pytestmark = pytest.mark.usefixtures("page_makers")
 def test_every_plugin_and_every_key_is_documented() -> None:
     configuration, fields = (importlib.import_module(m) for m in ("configuration", "fields"))
     page = configuration.page()
-    for group, (_, names) in TABLES.items():
-        summaries = catalogue()[configuration.CATALOGUE[group]]
-        for name, place in names.items():
+    for group, kind in PARTS.items():
+        for name, entry in kind.table.items():
             assert f"### {group}={name} " in page
-            assert summaries[name] in page
-            for row in fields.rows(configuration.model_of(place), f"{group}."):
+            assert entry.summary in page
+            for row in fields.rows(configuration.model_of(entry), f"{group}."):
                 assert f"| `{row.key}` |" in page
-    assert "| `tracker.life.confirm_s` | number, ≥&nbsp;0 | `0.25` |" in page
+    assert "| `tracker.track_management.confirm_s` | number, ≥&nbsp;0 | `0.25` |" in page
     assert "| `pair_s` | number, >&nbsp;0, ≤&nbsp;0.3 | `0.1` |" in page
 
 
 def test_every_setting_has_a_description() -> None:
     configuration, fields = (importlib.import_module(m) for m in ("configuration", "fields"))
-    places = [place for _, names in TABLES.values() for place in names.values()]
-    models = [Settings, TrainConfig, *(configuration.model_of(place) for place in places)]
+    entries = [entry for kind in PARTS.values() for entry in kind.table.values()]
+    models = [Settings, TrainConfig, *(configuration.model_of(entry) for entry in entries)]
     silent = {(m.__name__, r.key) for m in models for r in fields.rows(m) if not r.description}
     assert not silent - ALLOWED
 

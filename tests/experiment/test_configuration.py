@@ -29,7 +29,7 @@ TOY = {
         ("a: &x {b: *x}", "an alias inside its own anchor"),
     ],
 )
-def test_hostile_yaml_is_one_clear_error(text: str, words: str) -> None:
+def test_malicious_yaml_is_a_one_line_error(text: str, words: str) -> None:
     with pytest.raises(DataError, match=words) as caught:
         parse_yaml(text, HERE)
     assert "\n" not in str(caught.value)
@@ -56,20 +56,18 @@ def test_a_huge_or_missing_file_is_refused(tmp_path: Path) -> None:
         ("root=/data/a=b", "root", ["/data/a=b"]),
     ],
 )
-def test_overrides_read_as_users_of_hydra_type_them(
-    text: str, key: str, values: list[object]
-) -> None:
+def test_overrides_are_parsed_as_in_hydra(text: str, key: str, values: list[object]) -> None:
     assert parse_override(text) == (key, values)
 
 
 @pytest.mark.parametrize("text", ["flow", "=icp", "a..b=1", "flow=icp,,zero"])
-def test_what_is_no_override_is_refused(text: str) -> None:
+def test_a_malformed_override_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="override"):
         parse_override(text)
 
 
 @given(st.text(max_size=60))
-def test_no_text_makes_the_parsers_crash(text: str) -> None:
+def test_parsers_raise_no_other_error_on_any_text(text: str) -> None:
     for parse in (parse_override, lambda t: parse_yaml(t, HERE)):
         try:
             parse(text)
@@ -108,7 +106,7 @@ def test_a_sweep_is_every_combination_and_the_command_line_wins() -> None:
         (["scenes=[a, a]"], "each of scenes once"),
         (["pair_s=0.2", "max_pair_s=0.1"], "pair_s at most max_pair_s, 0.1"),
         (["flow=builtins:dict"], "has no estimate, expected methods estimate, reset"),
-        (["dataset.frame=3"], r"does not take .*'frame'"),
+        (["dataset.frame=3"], r"can't be constructed with \(frame=3\): got an unexpected"),
     ],
 )
 def test_a_wrong_setting_names_the_key_the_value_and_the_nearest(
@@ -119,7 +117,7 @@ def test_a_wrong_setting_names_the_key_the_value_and_the_nearest(
     assert "\n" not in str(caught.value)
 
 
-def test_every_problem_is_told_at_once() -> None:
+def test_all_problems_are_reported_at_once() -> None:
     with pytest.raises(ConfigError, match=r"pair_s is 'x'.*flow_sample_limit is 0"):
         compose(TOY, ["pair_s=x", "flow_sample_limit=0"], HERE)
 
@@ -144,7 +142,7 @@ def test_a_shipped_config_is_found_by_name_and_an_unknown_one_lists_them() -> No
         load_experiments("kitti_flow_source")
 
 
-def test_an_override_of_a_default_part_is_not_remembered() -> None:
+def test_an_override_does_not_change_the_defaults() -> None:
     tree = {"dataset": TOY["dataset"]}
     (plain,) = compose(tree, [], HERE)
     (other,) = compose(tree, ["tracker.preset=pillarflow"], HERE)

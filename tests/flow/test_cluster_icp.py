@@ -1,4 +1,4 @@
-"""Flow without boxes, and the verification of any field."""
+"""Cluster ICP, and the stages around any estimator."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_ends_of_a_turning_car_move_apart(source, street_of):
     assert slope == pytest.approx(0.45, abs=0.25)
 
 
-def test_a_pose_error_is_taken_out(source, street_of):
+def test_a_pose_error_is_corrected(source, street_of):
     street = street_of(speed_mps=10.0)
     before, now = street.sweep(0), street.sweep(1)
     shifted = replace(before, xyz_m=before.xyz_m + np.array([0.06, -0.05, 0], np.float32))
@@ -66,8 +66,8 @@ def test_a_pose_error_is_taken_out(source, street_of):
     assert (np.hypot(*field.velocity_mps[away].T) > 0.5).mean() < 0.02
 
 
-def test_what_was_hidden_does_not_move(source, street_of):
-    """A post that a parked van hid from the first sweep comes into view at rest."""
+def test_what_was_occluded_does_not_move(source, street_of):
+    """A post that was occluded in the first sweep comes into view at rest."""
     street = street_of(speed_mps=0.0, car_start_m=(10.0, 0.0), ego_mps=0.0)
     post = np.random.default_rng(5).normal([14.0, -1.0, 1.0], [0.05, 0.05, 0.4], (60, 3))
     now = street.sweep(1)
@@ -81,66 +81,70 @@ def test_what_was_hidden_does_not_move(source, street_of):
     assert np.abs(field.velocity_mps[rows, cols]).max() == 0
 
 
-def field_that_says(prepared, grid, velocity_of):
-    occupied = grid.occupancy(prepared.current.xyz_m)
-    blank = FlowField.unmeasured(grid, occupied, prepared.current.stamp_ns)
-    velocity = np.where(occupied[..., None], velocity_of(grid.centres_m()), 0.0)
+def field_with(pair, velocity_mps):
+    """A field that is valid on the occupied cells, with velocities (H, W, 2) or one for all."""
+    occupied = GRID.occupancy(pair.current.xyz_m)
+    blank = FlowField.unmeasured(GRID, occupied, pair.current.stamp_ns)
+    velocity = np.where(occupied[..., None], velocity_mps, 0.0)
     return replace(blank, velocity_mps=velocity.astype(np.float32), valid=occupied)
 
 
 @pytest.fixture(scope="module")
-def prepared_street(street_of):
+def street_pair(street_of):
     street = street_of(car_start_m=(10.0, 0.0), speed_mps=12.0)
     stages = Stages(StagesConfig(), GRID)
     return street, stages, stages.before(street.sweep(0), street.sweep(1))
 
 
-def test_a_wall_said_to_move_is_withdrawn(prepared_street):
-    _, stages, prepared = prepared_street
-    wall = field_that_says(prepared, GRID, lambda xy: np.where(xy[..., 1:] > 13, [3.0, 0.0], 0.0))
-    assert np.abs(stages.after(wall, prepared).velocity_mps).max() == 0
+def test_the_claimed_motion_of_a_wall_is_withdrawn(street_pair):
+    _, stages, pair = street_pair
+    wall = field_with(pair, np.where(GRID.centres_m()[..., 1:] > 13, [3.0, 0.0], 0.0))
+    assert np.abs(stages.after(wall, pair).velocity_mps).max() == 0
 
 
 @pytest.mark.parametrize(("speed_mps", "kept"), [(20.0, True), (-20.0, False), (0.0, False)])
-def test_what_comes_out_of_hiding_keeps_a_velocity_that_names_its_earlier_place(speed_mps, kept):
+def test_a_vehicle_from_an_occluded_place_keeps_a_velocity_that_fits_its_earlier_place(
+    speed_mps, kept
+):
     row, col, _ = GRID.cells(np.array([[5.0, 0.0], [3.0, 0.0]]))
     occupied = np.zeros(GRID.shape, np.bool_)
     occupied[row[0], col[0]] = True
     velocity_mps = np.where(occupied[..., None], np.float32([speed_mps, 0.0]), np.float32(0))
     blank = FlowField.unmeasured(GRID, occupied, 0)
-    said = replace(blank, velocity_mps=velocity_mps, valid=occupied)
+    claimed = replace(blank, velocity_mps=velocity_mps, valid=occupied)
     seen_before = np.full(GRID.shape, UNSEEN, np.int8)
     seen_before[row[1], col[1]] = OCCUPIED
-    left = mask_occluded(said, seen_before, 0.1)
+    left = mask_occluded(claimed, seen_before, 0.1)
     assert left.valid[row[0], col[0]] == kept
     assert left.velocity_mps[row[0], col[0], 0] == (speed_mps if kept else 0.0)
 
 
-def test_a_car_said_to_be_a_little_slower_is_corrected(prepared_street):
-    street, stages, prepared = prepared_street
+def test_a_velocity_that_is_a_little_off_is_corrected(street_pair):
+    street, stages, pair = street_pair
     on_car = street.car_cells(1, GRID)
-    guess = field_that_says(prepared, GRID, lambda xy: np.where(on_car[..., None], [10.5, 0.8], 0))
-    refined = stages.after(guess, prepared)
+    guess = field_with(pair, np.where(on_car[..., None], [10.5, 0.8], 0.0))
+    refined = stages.after(guess, pair)
     error = refined.velocity_mps[on_car & refined.occupied] - [12.0, 0.0]
     assert np.median(np.hypot(*error.T)) < 0.5
 
 
-def test_every_stage_can_be_switched_off(prepared_street):
-    street, _, _ = prepared_street
+def test_every_stage_can_be_switched_off(street_pair):
+    street, _, _ = street_pair
     off = StagesConfig.model_validate(
         {name: {"enabled": False} for name in ("ground", "alignment", "visibility", "refine")}
     )
     stages = Stages(off, GRID)
-    prepared = stages.before(street.sweep(0), street.sweep(1))
-    assert prepared.previous_seen is None
-    assert np.array_equal(prepared.correction.matrix, np.eye(4))
-    assert len(prepared.current) > 0.9 * len(street.sweep(1))
-    field = field_that_says(prepared, GRID, lambda xy: np.ones_like(xy))
-    assert stages.after(field, prepared) is field
+    pair = stages.before(street.sweep(0), street.sweep(1))
+    assert pair.previous_seen is None
+    odometry = street.ego(0).inverse() @ street.ego(1)
+    np.testing.assert_array_equal(pair.previous_T_current.matrix, odometry.matrix)
+    assert len(pair.current) > 0.9 * len(street.sweep(1))
+    field = field_with(pair, np.ones(2))
+    assert stages.after(field, pair) is field
 
 
 def test_config_reaches_the_stages(street_of):
     config = ClusterIcpConfig.model_validate({"stages": {"ground": {"max_height_m": 1.0}}})
     stages = Stages(config.stages, GRID)
-    prepared = stages.before(street_of().sweep(0), street_of().sweep(1))
-    assert prepared.current_height_m.max() < 1.0
+    pair = stages.before(street_of().sweep(0), street_of().sweep(1))
+    assert pair.current_height_m.max() < 1.0

@@ -76,7 +76,8 @@ def zeros(data: bytes, rng: Rng) -> Damaged:
 # --- text ----------------------------------------------------------------------------------------
 
 NO_NUMBERS = (
-    "abc", "nan", "-inf", "1e999", "1_0", "\uff11", "0x10", "9" * 5000, "--1", "1.2.3", "None", "1e",
+    "abc", "nan", "-inf", "1e999", "1_0", "\uff11", "0x10", "9" * 5000, "--1", "1.2.3", "None",
+    "1e",
 )  # fmt: skip
 """None of these is a finite number in plain digits."""
 
@@ -197,6 +198,24 @@ def deep(_data: bytes, _rng: Rng) -> Damaged:
     return Damaged(b"[" * 100_000, told=True, what="100,000 brackets")
 
 
+BAD: dict[str, tuple[Any, ...]] = {
+    "token": ("x", None, 5, "", "t\u0000", "\ud800", ["a"], True),
+    "file": (None, 5, "\ud800", ["a"], {}, "../../x", "a" * 5000, "a\u0000"),
+    "identity": (None, 1.5, ["a"], True),
+    "reference": (None, 5, "\ud800", ["a"], {}),
+    "count": (-1, 2**64 - 1, 2**63, 1e300, None, "3", [1], 10**30),
+    "time": (-1, 2**64 - 1, 2**62, 1e300, None, "3", [1], 1.5),
+    "flag": (7, None, "true", -1, [True]),
+    "place": ([1e300, 0, 0], ["1", "2", "3"], [1, 2], None, "x", [None, 1, 1], [[1, 2, 3]]),
+    "size": ([-1, 1, 1], [0, 1, 1], [1e300, 1, 1], [1, 1], None, ["1", "1", "1"]),
+    "rotation": ([0, 0, 0, 0], [2, 0, 0, 0], [0, 1, 0, 0], [1, 0, 0], None, [None] * 4),
+    "speed": (["a", 1], [1], "x", [1, 2, 3], {}, 5),
+    "score": (None, "x", [1], 1e999, {}),
+    "class": ("tank", None, 5, "\x1b[2J", ""),
+}
+"""Values that a field of that kind can't have."""
+
+
 @dataclass(frozen=True)
 class Records:
     """How to damage records of a JSON table.
@@ -207,22 +226,6 @@ class Records:
 
     fields: dict[str, str]
     lost: bool = True
-
-    BAD = {
-        "token": ("x", None, 5, "", "t\u0000", "\ud800", ["a"], True),
-        "file": (None, 5, "\ud800", ["a"], {}, "../../x", "a" * 5000, "a\u0000"),
-        "identity": (None, 1.5, ["a"], True),
-        "reference": (None, 5, "\ud800", ["a"], {}),
-        "count": (-1, 2**64 - 1, 2**63, 1e300, None, "3", [1], 10**30),
-        "time": (-1, 2**64 - 1, 2**62, 1e300, None, "3", [1], 1.5),
-        "flag": (7, None, "true", -1, [True]),
-        "place": ([1e300, 0, 0], ["1", "2", "3"], [1, 2], None, "x", [None, 1, 1], [[1, 2, 3]]),
-        "size": ([-1, 1, 1], [0, 1, 1], [1e300, 1, 1], [1, 1], None, ["1", "1", "1"]),
-        "rotation": ([0, 0, 0, 0], [2, 0, 0, 0], [0, 1, 0, 0], [1, 0, 0], None, [None] * 4),
-        "speed": (["a", 1], [1], "x", [1, 2, 3], {}, 5),
-        "score": (None, "x", [1], 1e999, {}),
-        "class": ("tank", None, 5, "\x1b[2J", ""),
-    }
 
     def damages(self) -> dict[str, Damage]:
         found: dict[str, Damage] = {
@@ -246,7 +249,7 @@ class Records:
 
     def bad_value(self, data: bytes, rng: Rng) -> Damaged:
         name = pick(rng, list(self.fields))
-        value = pick(rng, self.BAD[self.fields[name]])
+        value = pick(rng, BAD[self.fields[name]])
         return self.edited(data, rng, lambda r: r.update({name: value}) or f"{name} = {value!r}")
 
     def field_gone(self, data: bytes, rng: Rng) -> Damaged:

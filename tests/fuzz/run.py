@@ -88,7 +88,7 @@ def ending(target: Target, root: Path, damaged: Damaged, whole: Read) -> tuple[s
         read = target.read(root)
     except MottrackError as error:
         return ("clear" if is_clear(error, root) else "useless"), str(error)
-    except Exception as error:  # whatever it is: that's what is counted
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is counted
         return "foreign", f"{type(error).__name__}: {error}"
     if not finite(read.values):
         return "silent", "a NaN got through"

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import shapely
 from numpy.typing import NDArray
 
 from mottrack.core.errors import InputError
 from mottrack.geometry import iou
-from mottrack.geometry.polygon import intersection_area
+from mottrack.geometry.polygon import clip_area, polygon_area
 
 
 def random_boxes(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
@@ -19,7 +20,6 @@ def random_boxes(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 
 def test_all_four_measures_agree_with_shapely() -> None:
-    shapely = pytest.importorskip("shapely")
     rng = np.random.default_rng(0)
     a, b = random_boxes(rng, 40), random_boxes(rng, 50)
     shape_a = shapely.polygons(iou.bev_corners(a))[:, None]
@@ -74,12 +74,21 @@ def test_empty_sets_flat_boxes_and_malformed_input() -> None:
         iou.iou_3d(one * [1, 1, 1, 1, -1, 1, 1], one)
 
 
-def test_polygon_intersection_of_hulls_agrees_with_shapely() -> None:
-    shapely = pytest.importorskip("shapely")
+def test_pairs_agree_with_all_pairs() -> None:
+    rng = np.random.default_rng(4)
+    a, b = random_boxes(rng, 30), random_boxes(rng, 30)
+    i, j = (index.ravel() for index in np.indices((30, 30)))
+    pairs = iou.bev_iou_of_pairs(a, b, (i, j))
+    np.testing.assert_array_equal(pairs.reshape(30, 30), iou.bev_iou(a, b))
+    assert len(iou.bev_iou_of_pairs(a, b, (i[:0], j[:0]))) == 0
+
+
+def test_clipping_of_hulls_agrees_with_shapely() -> None:
     rng = np.random.default_rng(3)
     for _ in range(100):
         shapes = [shapely.MultiPoint(rng.normal(0, 2, (9, 2))).convex_hull for _ in range(2)]
-        rings = [np.array(shape.exterior.coords)[:-1] for shape in shapes]
+        one, two = (np.array(shape.exterior.coords)[-1:0:-1] for shape in shapes)
         expected = shapes[0].intersection(shapes[1]).area
-        assert intersection_area(*rings) == pytest.approx(expected, abs=1e-9)
-    assert intersection_area(np.zeros((2, 2)), np.ones((4, 2))) == 0.0
+        work = np.empty((2, len(one) + len(two) + 1, 2))
+        assert clip_area(one, two, work) == pytest.approx(expected, abs=1e-9)
+        assert polygon_area(one) == pytest.approx(shapes[0].area)

@@ -32,7 +32,7 @@ def corners(seed):
     turn=st.floats(-0.006, 0.006),
     seed=st.integers(0, 9),
 )
-def test_a_pose_error_is_found_and_undone(x, y, turn, seed):
+def test_a_pose_error_is_corrected(x, y, turn, seed):
     current = corners(seed)
     error = Pose.from_yaw(turn, (x, y, 0.0))
     previous = error.apply(current).astype(np.float32)
@@ -48,6 +48,6 @@ def test_a_large_correction_is_refused():
     np.testing.assert_array_equal(residual_motion(moved, current, config).matrix, np.eye(4))
 
 
-def test_too_few_points_say_nothing():
+def test_too_few_points_give_no_correction():
     few = np.ones((10, 3), np.float32)
     np.testing.assert_array_equal(residual_motion(few, corners(0)).matrix, np.eye(4))

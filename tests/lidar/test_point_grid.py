@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from mottrack.core.errors import InputError
-from mottrack.lidar.point_grid import build_point_grid, nearest
-from mottrack.lidar.residual import capped_residual, translation_icp
-from mottrack.lidar.thinning import first_in_voxel
+from mottrack.lidar.point_grid import build_point_grid, first_in_voxel, nearest
+from mottrack.lidar.residual import translation_icp, truncated_residual
 
 
 def cloud(seed, count=3000, reach=15):
@@ -50,8 +49,8 @@ def test_residual_of_the_true_shift_is_zero_and_icp_finds_it():
     gates = np.geomspace(0.5, 0.1, 12)
     shift = translation_icp(grid, points, (0.0, 0.0), gates)
     assert shift == pytest.approx((0.12, -0.07), abs=1e-3)
-    assert capped_residual(grid, points, shift, 0.5) < 2e-3
-    assert capped_residual(grid, points, (9.0, 9.0), 0.5) == pytest.approx(0.5)
+    assert truncated_residual(grid, points, shift, 0.5) < 2e-3
+    assert truncated_residual(grid, points, (9.0, 9.0), 0.5) == pytest.approx(0.5)
 
 
 def test_one_point_a_voxel():

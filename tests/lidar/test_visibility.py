@@ -1,4 +1,4 @@
-"""What a sweep could see, in a room with one wall."""
+"""Free space and occlusion around one wall."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ import numpy as np
 from mottrack.core.grid import BevGrid
 from mottrack.core.pose import Pose
 from mottrack.core.sweep import Sweep
-from mottrack.lidar.azimuth import quick_atan2
-from mottrack.lidar.range_image import (
-    HIDDEN,
-    HIT,
-    PASSED,
-    asked_from,
-    build_range_image,
-    seen_before,
-)
 from mottrack.lidar.visibility import (
     FREE,
     OCCUPIED,
     UNSEEN,
+    build_range_image,
     farthest_returns,
+    fast_atan2,
+    queried_from,
+    states_of,
     visibility_raster,
     with_returns,
 )
@@ -63,15 +58,15 @@ def test_behind_a_wall_is_unseen_and_before_it_free():
     assert seen[rows, cols].tolist() == [FREE, UNSEEN, OCCUPIED, FREE]
 
 
-def test_a_point_is_passed_hit_or_hidden():
+def test_a_point_is_free_occupied_or_unseen():
     image = build_range_image(wall_ahead(), ORIGIN_M)
     points = np.array([[5, 0, 1.0], [10.1, 0, 1.0], [14, 0, 1.0], [5, 0, 3.5]], np.float32)
     # above the rays that came back nothing is known
-    assert seen_before(image, points).tolist() == [PASSED, HIT, HIDDEN, HIDDEN]
+    assert states_of(image, points, 0.5).tolist() == [FREE, OCCUPIED, UNSEEN, UNSEEN]
 
 
-def test_asking_from_another_frame_is_moving_the_returns():
-    """The work on a sweep is done once, in its own frame, and asked from the next one."""
+def test_a_query_in_another_frame_equals_moved_returns():
+    """Features of a sweep are computed once, in its own frame, and queried from the next one."""
     grid = BevGrid(cell_m=0.5)
     sweep_T_frame = Pose.from_yaw(0.2, (1.5, -0.4, 0.1))
     frame_T_sweep = sweep_T_frame.inverse()
@@ -82,18 +77,18 @@ def test_asking_from_another_frame_is_moving_the_returns():
         Pose.identity(),
         frame_T_sweep.apply(ORIGIN_M[None])[0],
     )
-    asked = visibility_raster(sweep(), farthest_returns(sweep()), grid, sweep_T_frame)
-    assert (asked == visibility_raster(moved, farthest_returns(moved), grid)).mean() > 0.99
+    queried = visibility_raster(sweep(), farthest_returns(sweep()), grid, sweep_T_frame)
+    assert (queried == visibility_raster(moved, farthest_returns(moved), grid)).mean() > 0.99
     places = np.random.default_rng(0).uniform((-20, -20, 0), (20, 20, 2), (500, 3))
-    image = asked_from(build_range_image(sweep().xyz_m, ORIGIN_M), sweep_T_frame)
+    image = queried_from(build_range_image(sweep().xyz_m, ORIGIN_M), sweep_T_frame)
     there = build_range_image(sweep().xyz_m, ORIGIN_M)
     assert np.array_equal(
-        seen_before(image, places.astype(np.float32)),
-        seen_before(there, sweep_T_frame.apply(places).astype(np.float32)),
+        states_of(image, places.astype(np.float32), 0.5),
+        states_of(there, sweep_T_frame.apply(places).astype(np.float32), 0.5),
     )
 
 
-def test_the_quick_arctangent():
+def test_the_fast_arctangent():
     angle = np.linspace(-np.pi, np.pi, 1001)
-    found = [quick_atan2(np.sin(a), np.cos(a)) for a in angle[1:-1]]
+    found = [fast_atan2(np.sin(a), np.cos(a)) for a in angle[1:-1]]
     np.testing.assert_allclose(found, angle[1:-1], atol=2e-5)

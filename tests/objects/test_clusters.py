@@ -9,9 +9,7 @@ from mottrack.core import (
     BevGrid,
     FlowField,
     Frame,
-    InputError,
     Objects,
-    ObjectSource,
     Pose,
     Sweep,
 )
@@ -54,7 +52,6 @@ def test_objects_above_the_road(ground_of: str, height_m: float) -> None:
     points += [block(10, 5, CAR, -height_m), block(12, -6, POST, -height_m)]
     source = ClusterSource(ClustersConfig(ground=ground_of))
     found = source.objects(Frame(10**9, pose), sweep_of(points, pose))
-    assert isinstance(source, ObjectSource)
     assert set(found.label) == {"generic"}
     assert len(found) == 2
     in_ego = found.transformed(pose.inverse(), "ego").select(np.argsort(-found.size_m[:, 0]))
@@ -81,14 +78,6 @@ def test_a_dilated_mask_separates_what_touches() -> None:
     parted = ClusterSource().objects(replace(frame, detections=boxes), sweep)
     assert len(parted) == 2
     np.testing.assert_allclose(np.sort(parted.size_m[:, 1]), [1.8, 1.8], atol=0.4)
-
-
-def test_without_a_sweep_or_without_points() -> None:
-    frame = Frame(10**9, Pose.identity())
-    with pytest.raises(InputError, match="sweep"):
-        ClusterSource().objects(frame, None)
-    nothing = sweep_of([np.zeros((0, 3))], Pose.identity())
-    assert len(ClusterSource().objects(frame, nothing)) == 0
 
 
 def test_a_standing_cluster_stays_while_the_vehicle_passes() -> None:
@@ -142,13 +131,13 @@ def test_a_height_band_that_holds_nothing_is_refused() -> None:
 
 
 class _Map:
-    """Knows the ground where x is positive, 5 m too high."""
+    """Holds the ground where x is positive, 5 m too high."""
 
     def ground_height(self, xy_m: np.ndarray) -> np.ndarray:
         return np.where(xy_m[:, 0] > 0, 5.0, np.nan)
 
 
-def test_a_map_is_believed_and_the_estimate_fills_its_gaps() -> None:
+def test_the_ground_of_a_map_is_used_and_the_estimate_fills_its_gaps() -> None:
     rng, pose = np.random.default_rng(4), Pose.identity()
     points = [ground(rng, 0.0, 1.0), block(10, 0, CAR, -1.0), block(-10, 0, CAR, -1.0)]
     source = ClusterSource()
@@ -161,7 +150,7 @@ def test_a_map_is_believed_and_the_estimate_fills_its_gaps() -> None:
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, np.pi / 4, 2.0])
-def test_the_square_turns_with_the_vehicle_as_the_grid_of_a_flow_does(yaw_rad: float) -> None:
+def test_the_square_rotates_with_the_vehicle_as_the_grid_of_a_flow_does(yaw_rad: float) -> None:
     pose = Pose.from_yaw(yaw_rad, (400.0, -70.0, 0.0))
     rng = np.random.default_rng(0)
     corner, beyond = block(27.0, -27.0, POST, 0.0), block(33.0, 0.0, POST, 0.0)

@@ -1,4 +1,4 @@
-"""From a field to one velocity an object."""
+"""Velocity of each object from a flow field."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def boxes(centres, yaws, size=(4.0, 2.0, 1.5), frame="ego"):
     vy=st.floats(-20, 20),
 )
 def test_rigid_motion_has_the_velocity_of_the_centre(x, y, yaw, turn, vx, vy):
-    """v(p) = v + w x (p - c): the mean over a symmetric box is v, and the spread is honest."""
+    """v(p) = v + w x (p - c): the mean over a symmetric box is v."""
     rigid = field(
         lambda xy: np.stack([vx - turn * (xy[..., 1] - y), vy + turn * (xy[..., 0] - x)], axis=-1)
     )
@@ -76,11 +76,11 @@ def test_turning_field_and_box_turns_the_measurement(quarter, seed):
     occupied = rng.uniform(size=GRID.shape) < 0.5
     pose = Pose.from_yaw(quarter * np.pi / 2)
     here = boxes(rng.uniform(-30, 30, (4, 2)), rng.uniform(-3, 3, 4))
-    plain = measure_velocity(field(lambda xy: values, occupied), here)
+    plain = measure_velocity(field(lambda _: values, occupied), here)
     # rows grow with y: a quarter turn of the plane is a turn of the array by -90 degrees
     turned_values = np.rot90(values, -quarter) @ pose.rotation[:2, :2].T
     turned = measure_velocity(
-        field(lambda xy: turned_values, np.rot90(occupied, -quarter)), here.transformed(pose, "ego")
+        field(lambda _: turned_values, np.rot90(occupied, -quarter)), here.transformed(pose, "ego")
     )
     expected = plain.rotated(quarter * np.pi / 2)
     np.testing.assert_array_equal(turned.valid, expected.valid)
@@ -91,7 +91,7 @@ def test_turning_field_and_box_turns_the_measurement(quarter, seed):
 def test_an_object_without_a_valid_cell_is_masked_not_zero():
     occupied = GRID.centres_m()[..., 0] > 0
     measured = measure_velocity(
-        field(lambda xy: np.array([3.0, 0.0]), occupied), boxes([(20, 0), (-20, 0)], [0, 0])
+        field(lambda _: np.array([3.0, 0.0]), occupied), boxes([(20, 0), (-20, 0)], [0, 0])
     )
     assert measured.valid.tolist() == [True, False]
 
@@ -99,7 +99,7 @@ def test_an_object_without_a_valid_cell_is_masked_not_zero():
 def test_weights_count_only_where_asked():
     left = GRID.centres_m()[..., 0] < 10
     two = field(
-        lambda xy: np.where(left[..., None], [0.0, 0.0], [8.0, 0.0]),
+        lambda _: np.where(left[..., None], [0.0, 0.0], [8.0, 0.0]),
         weight=np.where(left, 0.25, 0.75),
     )
     box = boxes([(10, 0)], [0])
@@ -113,7 +113,7 @@ def test_covariance_is_spread_over_cells_plus_that_of_the_source_plus_the_floor(
     noise = rng.normal(0, 2.0, (*GRID.shape, 2))
     config = VelocityConfig(correlated_cells=1.0, floor_mps=0.1)
     measured = measure_velocity(
-        field(lambda xy: noise, sigma_mps=0.5), boxes([(0, 0)], [0.0], (10.0, 10.0, 2.0)), config
+        field(lambda _: noise, sigma_mps=0.5), boxes([(0, 0)], [0.0], (10.0, 10.0, 2.0)), config
     )
     cells = (10 / 0.25) ** 2
     expected = 4.0 / cells + 0.25 + 0.01
@@ -122,14 +122,14 @@ def test_covariance_is_spread_over_cells_plus_that_of_the_source_plus_the_floor(
 
 def test_a_pedestrian_thinner_than_a_cell_is_still_measured():
     measured = measure_velocity(
-        field(lambda xy: np.array([1.0, 0.5])), boxes([(5.1, 3.1)], [0.3], (0.1, 0.1, 1.7))
+        field(lambda _: np.array([1.0, 0.5])), boxes([(5.1, 3.1)], [0.3], (0.1, 0.1, 1.7))
     )
     assert measured.valid.all()
 
 
-def test_a_hull_either_way_round_and_a_box_for_a_hull_without_area():
+def test_a_hull_of_either_orientation_and_the_box_for_a_hull_without_area():
     left = GRID.centres_m()[..., 0] < 0
-    two = field(lambda xy: np.where(left[..., None], [0.0, 0.0], [8.0, 0.0]))
+    two = field(lambda _: np.where(left[..., None], [0.0, 0.0], [8.0, 0.0]))
     ring = np.array([[-10.0, -1.0], [-2.0, -1.0], [-2.0, 1.0], [-10.0, 1.0]])
     empty = np.zeros((0, 2))
     hulls = (ring, ring[::-1], empty, ring[:2], empty)
@@ -139,11 +139,11 @@ def test_a_hull_either_way_round_and_a_box_for_a_hull_without_area():
 
 
 def test_boxes_outside_the_grid_and_none_at_all():
-    plain = field(lambda xy: np.array([1.0, 0.0]))
+    plain = field(lambda _: np.array([1.0, 0.0]))
     assert measure_velocity(plain, boxes([(500, 0)], [0])).valid.tolist() == [False]
     assert len(measure_velocity(plain, boxes(np.zeros((0, 2)), []))) == 0
 
 
 def test_boxes_must_be_in_the_ego_frame():
     with pytest.raises(InputError, match="frame of boxes"):
-        measure_velocity(field(lambda xy: np.zeros(2)), boxes([(0, 0)], [0], frame="world"))
+        measure_velocity(field(lambda _: np.zeros(2)), boxes([(0, 0)], [0], frame="world"))

@@ -9,7 +9,7 @@ from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.paper.ball_figure import clustered, draw_ball, tracked
-from mottrack.runs.stored_scene import StoredScene
+from mottrack.runs.run_folder import StoredScene
 
 FRAMES = 8
 SPEED_MPS = 6.0

@@ -1,4 +1,4 @@
-"""Fed sweep by sweep, the pipeline gives what the batch run gives, to the last bit."""
+"""The streaming pipeline returns the same tracks as the batch run, to the last bit."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_streamed_tracks_equal_those_of_the_batch_run(chosen: tuple[str, ...], d
     assert len(hulls) == len([h for h in expected.hulls if len(h)])
 
 
-def test_plain_arrays_are_as_good_as_our_types(drive: Drive) -> None:
+def test_plain_arrays_give_the_same_tracks_as_the_core_types(drive: Drive) -> None:
     ours, plain = (Pipeline.from_config("demo", "flow=icp_one_start") for _ in range(2))
     names = ("frame", "centre_m", "size_m", "yaw_rad", "label", "score")
     for frame, sweep in drive:
@@ -88,7 +88,7 @@ def test_plain_arrays_are_as_good_as_our_types(drive: Drive) -> None:
     assert len(fed.tracks) > 5
 
 
-def test_buffers_that_are_filled_again_change_nothing_that_was_fed(drive: Drive) -> None:
+def test_a_reused_buffer_does_not_change_earlier_input(drive: Drive) -> None:
     fresh, reused = (Pipeline.from_config("demo", "flow=icp_one_start") for _ in range(2))
     points, pose = np.zeros((200_000, 3), np.float32), np.zeros((4, 4))
     for frame, sweep in drive[:4]:
@@ -96,12 +96,13 @@ def test_buffers_that_are_filled_again_change_nothing_that_was_fed(drive: Drive)
         points[:n], pose[:] = sweep.xyz_m, frame.world_T_ego.matrix
         expected = fresh.feed(frame.stamp_ns, sweep.xyz_m, frame.world_T_ego, frame.detections)
         got = reused.feed(frame.stamp_ns, points[:n], pose, frame.detections)
-    assert got.field is not None and expected.field is not None
+    assert got.field is not None
+    assert expected.field is not None
     assert got.field.valid.any()
     np.testing.assert_array_equal(got.field.velocity_mps, expected.field.velocity_mps)
 
 
-def test_detections_in_the_ego_frame_are_put_into_the_world() -> None:
+def test_detections_in_the_ego_frame_are_transformed_to_the_world() -> None:
     pipeline = Pipeline.from_config("demo", "flow=zero", "tracker=stanford_iprl_tri")
     pose = Pose.from_yaw(np.pi / 2, (100.0, 0.0, 0.0))
     tracks = pipeline.feed(10**9, None, pose, ahead(10.0)).tracks
@@ -133,7 +134,7 @@ def test_a_velocity_that_comes_with_a_detection_reaches_the_tracker_beside_the_f
     np.testing.assert_allclose(step.objects.velocity.mean_mps, RADAR.mean_mps)
 
 
-def test_velocities_of_two_sources_are_joined_and_one_alone_keeps_its_faults() -> None:
+def test_velocities_of_two_sources_are_fused_and_one_alone_keeps_its_error_model() -> None:
     flow = RADAR.with_error_model(FLOW_ERRORS)
     both = joined(RADAR, flow)
     np.testing.assert_allclose(both.covariance_m2ps2, RADAR.covariance_m2ps2 / 2)
@@ -189,7 +190,7 @@ def test_after_a_reset_the_same_drive_gives_the_same_tracks(drive: Drive) -> Non
         (None, ahead(1.0, frame="car"), "frame is 'car', expected one of world, ego"),
     ],
 )
-def test_unusable_arrays_are_named_and_the_next_step_goes_on(
+def test_unusable_arrays_are_named_and_the_next_step_works(
     points: object, detections: object, words: str
 ) -> None:
     pipeline = Pipeline.from_config("demo", "flow=icp")
@@ -203,17 +204,17 @@ def test_an_unknown_array_names_the_nearest() -> None:
         Pipeline.from_config("demo", "flow=zero").feed(1, None, np.eye(4), ahead(1.0, centre=1))
 
 
-def test_what_is_left_to_choose_is_said() -> None:
+def test_several_variants_are_refused_by_name() -> None:
     with pytest.raises(ConfigError, match=r"4 variants .*expected one: choose"):
         Pipeline.from_config("demo")
 
 
-def test_a_data_set_that_is_not_here_is_not_missed() -> None:
+def test_the_data_set_of_a_configuration_is_not_needed() -> None:
     pipeline = Pipeline.from_config("kitti_flow_sources", "flow=zero")
     assert not pipeline.needs_sweeps
 
 
-def test_a_light_import_leaves_the_pipeline_for_later() -> None:
+def test_importing_the_package_does_not_import_the_pipeline() -> None:
     code = "import sys, mottrack; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     heavy = {"scipy", "numba", "torch", "gtsam", "pydantic", "yaml", "mottrack.pipeline"}
@@ -222,7 +223,7 @@ def test_a_light_import_leaves_the_pipeline_for_later() -> None:
         mottrack.Pipelin  # noqa: B018
 
 
-def test_the_ground_of_a_map_reaches_the_clusters() -> None:
+def test_clusters_use_the_ground_of_a_map() -> None:
     from toy_plugins import ToyScene
 
     asked: list[int] = []

@@ -1,4 +1,4 @@
-"""The latency report says what it was told: budget, warm-up, blame."""
+"""The latency report: percentiles, budget, warm-up and bottleneck of known times."""
 
 import time
 
@@ -7,11 +7,10 @@ import pytest
 
 from mottrack.core import InputError
 from mottrack.core.timing import timed
-from mottrack.pipeline.latency import LatencyLog
-from mottrack.pipeline.stopwatch import Stopwatch
+from mottrack.pipeline.latency import LatencyLog, Stopwatch
 
 
-def test_percentiles_budget_and_blame_of_known_times() -> None:
+def test_percentiles_budget_and_bottleneck_of_known_times() -> None:
     log = LatencyLog(rate_hz=10)
     log.add({"flow": 9.0, "tracker": 1.0, "total": 10.0})  # loads and compiles
     for k in range(1, 101):
@@ -26,12 +25,13 @@ def test_percentiles_budget_and_blame_of_known_times() -> None:
     assert flow.p99_ms == pytest.approx(200.0)
     assert report.warm_up_ms == {"flow": 9000.0, "tracker": 1000.0, "total": 10_000.0}
     assert (report.steps, report.over_budget, report.over_budget_share) == (100, 5, 0.05)
-    assert report.blame == "flow"
-    assert report.blame_share == pytest.approx(0.2 / 0.231)
+    assert report.bottleneck is not None
+    assert report.bottleneck.stage == "flow"
+    assert report.bottleneck.share == pytest.approx(0.2 / 0.231)
     assert "5 of 100 steps over it (5.0%); most time in flow (87%)" in str(report)
 
 
-def test_a_stage_that_first_runs_later_is_warm_up_then() -> None:
+def test_the_first_run_of_a_stage_counts_as_warm_up() -> None:
     log = LatencyLog(rate_hz=10)
     log.add({"tracker": 0.5, "total": 0.5})
     log.add({"tracker": 0.01, "total": 0.01})
@@ -51,17 +51,17 @@ def test_only_the_last_steps_are_kept() -> None:
     assert log.report().stages["tracker"].max_ms == pytest.approx(3.0)
 
 
-def test_before_any_step_there_is_a_report_too() -> None:
+def test_a_report_before_the_first_step() -> None:
     assert "no step yet" in str(LatencyLog(rate_hz=20).report())
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, float("nan")])
-def test_a_rate_that_is_none_is_refused(rate_hz: float) -> None:
+def test_a_rate_that_is_not_positive_is_refused(rate_hz: float) -> None:
     with pytest.raises(InputError, match="rate_hz"):
         LatencyLog(rate_hz)
 
 
-def test_a_part_is_timed_inside_the_stage_that_calls_it_and_nowhere_else() -> None:
+def test_a_part_is_timed_only_inside_the_stage_that_calls_it() -> None:
     @timed("ground")
     def ground() -> int:
         time.sleep(0.002)
@@ -70,7 +70,7 @@ def test_a_part_is_timed_inside_the_stage_that_calls_it_and_nowhere_else() -> No
     watch = Stopwatch()
     with watch("flow"):
         assert ground() == 7
-    assert ground() == 7  # nobody listens
+    assert ground() == 7  # no collector
     with watch("objects"):
         time.sleep(0.001)
     lap = watch.lap()

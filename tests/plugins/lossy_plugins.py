@@ -1,4 +1,4 @@
-"""A tracker that makes known mistakes."""
+"""A tracker with known errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of a user's own, named in configurations as ``toy_plugins:Class``."""
+"""Plug-ins that configurations name as ``toy_plugins:Class``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import DataError, FlowField, Frame, Objects, Pose, Sweep, Tracks, Truth
-from mottrack.core.grid import BevGrid
+from mottrack.core import (
+    BevGrid,
+    DataError,
+    FlowField,
+    FlowSourceBase,
+    Frame,
+    Objects,
+    Pose,
+    Sweep,
+    Tracks,
+    Truth,
+)
 
 SPEED_MPS = 10.0
 
@@ -30,7 +40,7 @@ class ToyScene:
         if self.name == "poison" and index == 2:
             raise DataError(Path("toy/poison.bin"), "point 7", "nan", "a finite number")
         if self.name == "bug" and index == 2:
-            raise KeyError("surprise")
+            raise KeyError("bug")
         if self.name == "killed" and index == 2:
             os.kill(os.getpid(), signal.SIGKILL)
         if self._flag is not None and index == 2 and self._flag.exists():
@@ -70,7 +80,7 @@ class ToyScene:
 
 
 class ToyDataset:
-    """Scenes by name; one without settings of its own has plain arguments."""
+    """Scenes by name; its settings are plain arguments."""
 
     name = "toy"
 
@@ -84,11 +94,15 @@ class ToyDataset:
         return ToyScene(name, self._frames, self._flag if name == self.scene_names[-1] else None)
 
 
-class ConstantFlow:
-    """Says 10 m/s along x wherever the sweep has a point: a flow source in ten lines."""
+class ConstantFlow(FlowSourceBase):
+    """Measures 10 m/s along x wherever the sweep has a point."""
+
+    def __init__(self, *, grid: BevGrid) -> None:
+        self.grid = grid
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        grid = BevGrid()
+        del previous  # the velocity is constant
+        grid = self.grid
         occupied = grid.occupancy(current.xyz_m[current.xyz_m[:, 2] > 0.3])
         shape = grid.shape
         return FlowField(
@@ -101,12 +115,9 @@ class ConstantFlow:
             stamp_ns=current.stamp_ns,
         )
 
-    def reset(self) -> None:
-        """Nothing to forget."""
-
 
 class EchoTracker:
-    """Says back what it is told; identities are the rows."""
+    """Returns the objects as tracks; identities are the rows."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
         n = len(objects)

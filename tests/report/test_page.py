@@ -8,8 +8,7 @@ import pytest
 
 from mottrack.core import ConfigError
 from mottrack.report.page import write_report
-from mottrack.runs.comparison import Comparison
-from mottrack.runs.stored_comparison import load_comparison
+from mottrack.runs.comparison import Comparison, load_comparison
 
 VOID = {"wbr", "meta", "img", "br", "link", "input", "line", "rect"}
 
@@ -99,7 +98,9 @@ def test_scenes_without_truth_are_not_scored(comparison: Comparison, tmp_path: P
     for run in comparison.runs:
         overall = run.scores.overall
         nothing = replace(overall, clear=replace(overall.clear, truth=0))
-        runs.append(replace(run, scores=replace(run.scores, overall=nothing)))
+        unscored = replace(run)
+        vars(unscored)["scores"] = replace(run.scores, overall=nothing)
+        runs.append(unscored)
     write_report(replace(comparison, runs=tuple(runs)), tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "no truth, so there are no scores" in text

@@ -15,9 +15,12 @@ from mottrack.eval.run_metrics import OFFICIAL, Resampling, run_metrics
 from mottrack.eval.scores import ScoreConfig
 from mottrack.eval.velocity_error import velocity_samples, velocity_table
 from mottrack.experiment.experiment import compose
-from mottrack.runs.comparison import Comparison, run_comparison
-from mottrack.runs.comparison_tables import comparison_tables, verdict
+from mottrack.report.page import write_report
+from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
+from mottrack.runs.comparison_tables import comparison_tables, significance
 from mottrack.runs.differences import check_baseline, find_differences
+from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.workers import Progress
 
 TREE = {
@@ -48,19 +51,23 @@ def test_runs_are_paired_over_the_scenes_that_both_have(comparison: Comparison) 
 
 
 def test_any_run_can_be_the_baseline_but_it_must_exist(comparison: Comparison) -> None:
-    run_inputs = [run.run_input() for run in comparison.runs]
-    found = find_differences(run_inputs, "ground_truth")
+    found = find_differences(comparison.runs, "ground_truth")
     assert [(p.baseline, p.run) for p in found] == [("ground_truth", "zero")]
     with pytest.raises(ConfigError, match="did you mean 'ground_truth'"):
         check_baseline([run.experiment for run in comparison.runs], "ground_truht")
 
 
-def test_one_scene_gets_no_interval_and_other_data_no_difference(comparison: Comparison) -> None:
-    first, second = (run.run_input() for run in comparison.runs)
-    (alone,) = find_differences([replace(first, finished=("a",)), second], None)
-    assert {verdict(row) for row in alone.rows} == {"one scene"}
-    assert find_differences([first, replace(second, dataset="kitti")], None) == ()
-    assert find_differences([first, replace(second, finished=("z",))], None) == ()
+def test_one_scene_has_no_interval_and_other_data_no_difference(comparison: Comparison) -> None:
+    first, second = comparison.runs
+
+    def with_scenes(run: ScoredRun, *scenes: str) -> ScoredRun:
+        return replace(run, report=replace(run.report, finished=scenes))
+
+    (alone,) = find_differences([with_scenes(first, "a"), second], None)
+    assert {significance(row) for row in alone.rows} == {"one scene"}
+    kitti = replace(second.experiment, dataset=replace(second.experiment.dataset, kind="kitti"))
+    assert find_differences([first, replace(second, experiment=kitti)], None) == ()
+    assert find_differences([first, with_scenes(second, "z")], None) == ()
 
 
 def test_figures_are_those_of_the_tables_and_of_the_official_evaluation(
@@ -104,3 +111,18 @@ def test_a_resample_of_the_velocity_table_is_that_of_the_copied_scenes(
         for key, sampled in figures.items():
             if key.table == "velocity" and key.metric == "mean":
                 assert sampled.draws[b] == pytest.approx(table[key.row].mean_mps)
+
+
+def test_a_report_of_a_stored_comparison_reads_each_result_once(
+    comparison: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+    load = RunFolder.load
+
+    def counted(folder: RunFolder, scene: str) -> SceneResult:
+        read.append(folder.scene_file(scene))
+        return load(folder, scene)
+
+    monkeypatch.setattr(RunFolder, "load", counted)
+    write_report(load_comparison(comparison.out), tmp_path / "report.html")
+    assert len(read) == len(set(read)) == sum(len(run.finished) for run in comparison.runs)

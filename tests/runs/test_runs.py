@@ -13,11 +13,10 @@ from mottrack.datasets.writers import write_synthetic
 from mottrack.experiment.experiment import Experiment, compose
 from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.pipeline.scene_run import run_scene
-from mottrack.runs.comparison import run_comparison
+from mottrack.runs.comparison import load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import run_experiment
-from mottrack.runs.stored_comparison import load_comparison
 from mottrack.runs.terminal import print_comparison
 
 HERE = Path("experiment.yaml")
@@ -36,7 +35,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     return {f.name: f.read_bytes() for f in sorted(folder.glob("scenes/*.npz"))}
 
 
-def test_a_users_own_parts_run_from_sweep_to_score() -> None:
+def test_plug_ins_run_from_sweep_to_score() -> None:
     experiment = toy_experiment()
     run = run_scene(experiment, experiment.dataset.make().scene("a"))
     tracks = run.result.tracks
@@ -52,10 +51,10 @@ def test_a_users_own_parts_run_from_sweep_to_score() -> None:
     assert [shot.frame for shot in run.snapshots] == list(range(8))
 
 
-def test_sweeps_are_not_read_where_nobody_looks_at_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sweeps_are_not_read_where_no_part_needs_them(monkeypatch: pytest.MonkeyPatch) -> None:
     experiment = toy_experiment("flow=zero", "score_flow=false")
     scene = experiment.dataset.make().scene("a")
-    monkeypatch.setattr(type(scene), "sweep", lambda self, index: pytest.fail("sweep was read"))
+    monkeypatch.setattr(type(scene), "sweep", lambda *_: pytest.fail("sweep was read"))
     assert len(run_scene(experiment, scene).result.tracks) == 16
 
 
@@ -70,7 +69,7 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress
     assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 8
 
 
-def test_failures_cost_their_own_scene_only_and_a_killed_worker_gets_another_try(
+def test_a_failure_loses_only_its_scene_and_a_killed_worker_is_retried(
     tmp_path: Path, progress
 ) -> None:
     flag = tmp_path / "flag"
@@ -79,14 +78,12 @@ def test_failures_cost_their_own_scene_only_and_a_killed_worker_gets_another_try
     report = run_experiment(experiment, RunFolder(tmp_path / "run"), workers=3, progress=progress)
     assert report.finished == ("a", "b")
     assert report.failed["poison"] == "toy/poison.bin: point 7 is nan, expected a finite number"
-    assert report.failed["bug"].startswith("KeyError: 'surprise' (toy_plugins.py:")
+    assert report.failed["bug"].startswith("KeyError: 'bug' (toy_plugins.py:")
     assert "its process died" in report.failed["killed"]
     assert not flag.exists()
 
 
-def test_an_interrupted_run_goes_on_where_it_stopped_with_the_same_bytes(
-    tmp_path: Path, progress
-) -> None:
+def test_an_interrupted_run_is_resumed_with_the_same_bytes(tmp_path: Path, progress) -> None:
     experiment = toy_experiment(scenes=("a", "b", "c"))
     whole, broken = RunFolder(tmp_path / "whole"), RunFolder(tmp_path / "broken")
     run_experiment(experiment, whole, workers=2, progress=progress)
@@ -125,8 +122,8 @@ def test_scores_json_holds_every_run_and_the_configuration_lies_beside(
     assert comparison.runs[0].experiment.hash in (tmp_path / "zero" / "config.yaml").read_text()
 
 
-def test_results_of_other_code_or_other_weights_are_refused(tmp_path: Path, progress) -> None:
-    """The same guard stands before run, compare and paper: all of them claim their folders."""
+def test_results_of_other_code_or_other_weights_are_refused(tmp_path: Path) -> None:
+    """The same guard stands before run, compare and paper: all of them reserve their folders."""
     weights = tmp_path / "mine.safetensors"
     weights.write_bytes((SHIPPED / "small.safetensors").read_bytes())
     tree = {
@@ -136,22 +133,22 @@ def test_results_of_other_code_or_other_weights_are_refused(tmp_path: Path, prog
     }
     (experiment,) = compose(tree, [], HERE)
     folder = RunFolder(tmp_path / "run")
-    folder.claim(experiment)
-    folder.claim(experiment)
+    folder.reserve(experiment)
+    folder.reserve(experiment)
     weights.write_bytes((SHIPPED / "base.safetensors").read_bytes())
     with pytest.raises(ConfigError, match=r"results of another weights mine\.safetensors \(run"):
-        folder.claim(experiment)
+        folder.reserve(experiment)
     weights.unlink()
     with pytest.raises(DataError, match=r"mine\.safetensors: file is No such file"):
-        folder.claim(experiment)
+        folder.reserve(experiment)
     identity = json.loads(folder.identity_file.read_text())
     folder.identity_file.write_text(json.dumps(identity | {"code": "of yesterday"}))
     weights.write_bytes((SHIPPED / "small.safetensors").read_bytes())
     with pytest.raises(ConfigError, match="results of another code"):
-        folder.claim(experiment)
+        folder.reserve(experiment)
 
 
-def test_what_a_killed_writer_left_is_removed(tmp_path: Path, progress) -> None:
+def test_partial_files_of_a_killed_writer_are_removed(tmp_path: Path, progress) -> None:
     left = tmp_path / "scenes" / ".a.npz.x7d9.part"
     left.parent.mkdir()
     left.write_bytes(b"half")
@@ -160,7 +157,7 @@ def test_what_a_killed_writer_left_is_removed(tmp_path: Path, progress) -> None:
     assert not left.exists()
 
 
-def test_a_run_says_whether_it_kept_up(tmp_path: Path, progress) -> None:
+def test_a_run_reports_its_latency(tmp_path: Path, progress) -> None:
     experiment = toy_experiment(scenes=("a", "b"))
     comparison = run_comparison([experiment], tmp_path, workers=1, progress=progress)
     report = comparison.runs[0].latency
@@ -176,7 +173,7 @@ def test_a_run_says_whether_it_kept_up(tmp_path: Path, progress) -> None:
     assert load_comparison(tmp_path).runs[0].latency == report
 
 
-def test_a_scene_without_detections_names_the_place_where_they_were_looked_for(
+def test_a_scene_without_detections_names_the_file_that_should_hold_them(
     tmp_path: Path,
 ) -> None:
     write_synthetic(tmp_path, "kitti", 1, seed=3, duration_s=0.2)

@@ -9,7 +9,7 @@ from mottrack.core.objects import Objects, Truth
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.noise_estimation.consistency import consistency, nees
 from mottrack.trackers.noise_estimation.estimate import estimate_noise, estimate_velocity_noise
-from mottrack.trackers.noise_estimation.samples import PairCollector
+from mottrack.trackers.noise_estimation.samples import SampleCollector
 
 STEP_S = 0.5
 SIGMA = np.array([0.4, 0.2, 0.1, 0.08, 0.2, 0.1, 0.15])
@@ -82,27 +82,27 @@ def detect(
 
 
 def test_recovers_the_noise(frames: list[tuple[Objects, Truth]]) -> None:
-    collector = PairCollector()
+    collector = SampleCollector()
     for objects, truth in frames:
         collector.add("scene", objects, truth)
-    found = estimate_noise(collector.pairs())["car"]
+    found = estimate_noise(collector.samples())["car"]
     sigma = np.sqrt(found.noise.observation)
     np.testing.assert_allclose(sigma[1:], SIGMA[1:], rtol=0.06)
-    assert found.noise.along_ratio == pytest.approx(2.0, rel=0.1)
+    assert found.noise.longitudinal_ratio == pytest.approx(2.0, rel=0.1)
     # half of the acceleration lies along either axis of the plane, on average
     assert found.noise.process[7] == pytest.approx(PUSH / 2, rel=0.1)
-    assert found.noise.across_ratio < 0.1
+    assert found.noise.lateral_ratio < 0.1
     assert found.outliers > 0
-    velocity = estimate_velocity_noise(collector.pairs())
+    velocity = estimate_velocity_noise(collector.samples())
     assert velocity is not None
     assert velocity.variance_m2ps2 == pytest.approx(0.49, rel=0.1)
 
 
 def test_the_estimate_makes_an_honest_filter(frames: list[tuple[Objects, Truth]]) -> None:
-    collector = PairCollector()
+    collector = SampleCollector()
     for objects, truth in frames[:30]:
         collector.add("scene", objects, truth)
-    noise = {"classes": {"car": estimate_noise(collector.pairs())["car"].noise}}
+    noise = {"classes": {"car": estimate_noise(collector.samples())["car"].noise}}
     tracker = KalmanTracker(KalmanTracker.Config(noise=noise, diagnose=True))
     errors, surprises = [], []
     for objects, truth in frames:
@@ -117,7 +117,7 @@ def test_the_estimate_makes_an_honest_filter(frames: list[tuple[Objects, Truth]]
 
 
 def test_too_little_to_learn_from() -> None:
-    collector = PairCollector()
+    collector = SampleCollector()
     collector.add("scene", Objects.empty(0), Truth.empty(0))
     with pytest.raises(InputError, match="pairs by class"):
-        estimate_noise(collector.pairs())
+        estimate_noise(collector.samples())

@@ -7,8 +7,7 @@ from filterpy.kalman import KalmanFilter
 from mottrack.core.errors import ConfigError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.trackers import KalmanTracker
-from mottrack.trackers.kalman.noise_model import process_covariance
-from mottrack.trackers.kalman.noise_table import NoiseTable
+from mottrack.trackers.kalman.noise import NoiseTable, process_covariance
 from mottrack.trackers.kalman.smoothing import smooth
 
 STEP_NS = 100_000_000
@@ -51,7 +50,7 @@ def test_equals_filterpy(steps: list[Tracks]) -> None:
         step = np.eye(11)
         step[:4, 7:] = dt * np.eye(4)
         transitions.append(step)
-        growths.append(process_covariance(process, np.array([dt]), "cv", 11, True)[0])
+        growths.append(process_covariance(process, np.array([dt]), True)[0])
     reference = KalmanFilter(dim_x=11, dim_z=7)
     expected, spread, _, _ = reference.rts_smoother(
         np.array([s.state[0] for s in rows]),

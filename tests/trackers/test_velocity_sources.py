@@ -54,7 +54,7 @@ def test_two_radars_see_what_one_cannot() -> None:
         VelocityMeasurement.along(2 * beams[0], np.zeros(1), np.ones(1))
 
 
-@pytest.mark.parametrize("engine", ["block", "dense", "filterpy"])
+@pytest.mark.parametrize("engine", ["block", "filterpy"])
 def test_doppler_moves_a_track_along_the_beam_alone(engine: str) -> None:
     tracker = KalmanTracker(KalmanTracker.Config(engine=engine))
     doppler = VelocityMeasurement.along(np.array([[1.0, 0.0]]), np.array([10.0]), np.array([0.04]))

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from mottrack.cli import view
 from mottrack.core.errors import ConfigError, MottrackError, ResultError
 from mottrack.core.snapshot import save_snapshots
-from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.stored_scene import pick_scene, stored_scenes
+from mottrack.runs.run_folder import RunFolder, pick_scene, stored_scenes
 
 
 @pytest.fixture

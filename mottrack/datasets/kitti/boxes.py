@@ -15,6 +15,7 @@ import numpy as np
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
 
+# image size and rectified projection of the training sequences (P2 of the calibration files)
 WIDTH_PX, HEIGHT_PX = 1219.0, 375.0
 PROJECTION = np.array(
     [[721.5377, 0.0, 609.5593, 0.0], [0.0, 721.5377, 172.854, 0.0], [0.0, 0.0, 1.0, 0.0]]

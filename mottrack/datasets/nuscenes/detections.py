@@ -43,6 +43,7 @@ MAX_SPEED_MPS = 200.0
 """A faster object does not exist: its velocity is left out."""
 QUATERNION_TOLERANCE = 1e-2
 """Detectors compute in float32 and round; the official evaluation normalises what they write."""
+# fields of the official detection format that are read
 _FIELDS = (
     ColumnSpec("sample_token", str),
     TRANSLATION,

@@ -23,7 +23,7 @@ from mottrack.formats.faults import TruncatedError
 
 _STAMP = struct.Struct("<iI")
 """builtin_interfaces/msg/Time, little-endian: seconds, nanoseconds."""
-_CDR_HEADER_BYTES = 4
+_CDR_HEADER_BYTES = 4  # encapsulation kind and options before every CDR message
 _MAGIC = b"\x89MCAP0\r\n"
 """The first and the last bytes of a log."""
 # mcap and rosbags check little themselves: this is what they raise on damaged bytes

@@ -23,6 +23,7 @@ from mottrack.formats.table_stream import RecordFilter
 
 Box = dict[str, Any]
 Severity = Literal["error", "warning"]
+# number of elements of each field in the official format
 VECTORS = {"translation": 3, "size": 3, "rotation": 4}
 _NUMBERS: dict[str, tuple[int, ...]] = {
     "translation": (3,),

@@ -1,7 +1,7 @@
 """New-born particles: where occupancy appeared, at rest, slow or fast.
 
 Whatever appears was somewhere before. A velocity that would have brought it out of space known to
-be free is drawn anew, so that the front of a moving thing gives birth to velocities that keep up.
+be free is drawn again, so that the front of a moving object produces velocities that keep up.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Span, Workers
 
-TRIES = 4
-"""A velocity is drawn at most so often."""
+MAX_DRAWS = 4
+"""Draws of a velocity. Each costs as much as the first; where a share p of the draws comes from
+free space, p^4 of the particles still do."""
 
 
 class BirthConfig(StrictModel):
@@ -32,17 +33,8 @@ class BirthConfig(StrictModel):
     fast_mps: float = Field(12.0, ge=0, description="standard deviation per axis, fast particles")
 
 
-class Past(NamedTuple):
-    """What was known before the last prediction."""
-
-    free: F32
-    """(rows, cols) free mass, on the present window."""
-    dt_s: np.float32
-    """How long ago that was."""
-
-
 class VelocityPrior(NamedTuple):
-    """`BirthConfig` as the kernel takes it."""
+    """`BirthConfig` and what was known before the last prediction, as the kernel takes them."""
 
     rest: F32
     """(cells,) share at rest."""
@@ -50,17 +42,21 @@ class VelocityPrior(NamedTuple):
     """Share of slow particles among those that move."""
     slow_mps: np.float32
     fast_mps: np.float32
-    past: Past
+    free: F32
+    """(rows, cols) free mass before the last prediction, on the present window."""
+    dt_s: np.float32
+    """How long ago that was."""
 
     @classmethod
-    def of(cls, config: BirthConfig, uncovered: F32, past: Past) -> VelocityPrior:
-        """Only the `uncovered` share (rows, cols) of the births may be at rest."""
+    def of(cls, config: BirthConfig, uncovered: F32, free: F32, dt_s: float) -> VelocityPrior:
+        """Return the prior; only the `uncovered` share (rows, cols) of births may be at rest."""
         return cls(
             np.float32(config.rest_share) * uncovered.ravel(),
             np.float32(config.slow_share),
             np.float32(config.slow_mps),
             np.float32(config.fast_mps),
-            past,
+            free,
+            np.float32(dt_s),
         )
 
 
@@ -73,19 +69,19 @@ class Births(NamedTuple):
     """Share of the born mass that each one carries."""
 
 
-def allot(born: F32, count: int, key: np.uint64) -> Births:
-    """Shares `count` particles among the cells in proportion to the born mass (rows, cols).
+def allocate_births(born: F32, count: int, key: np.uint64) -> Births:
+    """Divide `count` particles among the cells in proportion to the born mass (rows, cols).
 
     Systematic: a cell gets its exact share rounded up or down, by one random number for all.
     """
     start = np.zeros(born.size + 1, np.int64)
-    total = _share_out(born.ravel(), count, uniform(key), start)
+    total = _allocate(born.ravel(), count, uniform(key), start)
     return Births(start, total / count)
 
 
 @compiled(nogil=True)
-def _share_out(born: F32, count: int, offset: float, start: I64) -> float:
-    """Fills `start` and returns the total mass; one after the other, so sums never differ."""
+def _allocate(born: F32, count: int, offset: float, start: I64) -> float:
+    """Fill `start` and return the total mass; sequentially, so that sums never differ."""
     total = 0.0
     for c in range(len(born)):
         total += born[c]
@@ -98,60 +94,52 @@ def _share_out(born: F32, count: int, offset: float, start: I64) -> float:
     return total
 
 
-def give_birth(
+def draw_births(
     births: Births, window: Window, prior: VelocityPrior, key: np.uint64, workers: Workers
 ) -> Particles:
-    """Particles uniform in their cell, with velocities drawn from the prior."""
+    """Return particles uniform in their cell, with velocities drawn from the prior."""
     born = Particles.empty(int(births.start[-1]))
-    workers.run(_spread, len(births.start) - 1, births.start, window, (prior, key), born)
+    cells = len(births.start) - 1
+    workers.run(_draw_cells, cells, births.start, window, _Source(prior, key), born)
     return born
 
 
+class _Source(NamedTuple):
+    prior: VelocityPrior
+    key: np.uint64
+
+
 @compiled(nogil=True)
-def _spread(
-    cells: Span,
-    start: I64,
-    window: Window,
-    source: tuple[VelocityPrior, np.uint64],
-    born: Particles,
-) -> None:
+def _draw_cells(cells: Span, start: I64, window: Window, source: _Source, born: Particles) -> None:
     prior, key = source
+    cell_m = np.float32(window.cell_m)
     for cell in range(cells[0], cells[1]):
+        rest = prior.rest[cell]
+        slow = rest + (np.float32(1) - rest) * prior.slow
         for i in range(start[cell], start[cell + 1]):
-            for attempt in range(TRIES):
-                bits = draw(key, np.uint64(i * TRIES + attempt))
-                _place(i, cell, bits, (window, prior), born)
-                if uniform_level(draw(key, bits), 0) >= _free_before(i, born, window, prior.past):
+            for attempt in range(MAX_DRAWS):
+                bits = draw(key, np.uint64(i * MAX_DRAWS + attempt))
+                pick = uniform_level(bits, 2)
+                spread_mps = prior.slow_mps if pick < slow else prior.fast_mps
+                spread_mps = np.float32(0) if pick < rest else spread_mps
+                born.x_m[i] = (cell % window.cols + uniform_level(bits, 0)) * cell_m
+                born.y_m[i] = (cell // window.cols + uniform_level(bits, 1)) * cell_m
+                born.vx_mps[i] = spread_mps * normal_level(bits, 3)
+                born.vy_mps[i] = spread_mps * normal_level(bits, 4)
+                if uniform_level(draw(key, bits), 0) >= _free_before(i, born, window, prior):
                     break
 
 
 @compiled(nogil=True)
-def _place(
-    i: int, cell: int, bits: np.uint64, drawn_from: tuple[Window, VelocityPrior], born: Particles
-) -> None:
-    """Draws particle i of a cell."""
-    window, prior = drawn_from
-    pick, rest = uniform_level(bits, 2), prior.rest[cell]
-    limit = rest + (np.float32(1) - rest) * prior.slow
-    spread_mps = prior.slow_mps if pick < limit else prior.fast_mps
-    spread_mps = np.float32(0) if pick < rest else spread_mps
-    cell_m = np.float32(window.cell_m)
-    born.x_m[i] = (cell % window.cols + uniform_level(bits, 0)) * cell_m
-    born.y_m[i] = (cell // window.cols + uniform_level(bits, 1)) * cell_m
-    born.vx_mps[i] = spread_mps * normal_level(bits, 3)
-    born.vy_mps[i] = spread_mps * normal_level(bits, 4)
-
-
-@compiled(nogil=True)
-def _free_before(i: int, born: Particles, window: Window, past: Past) -> np.float32:
-    """Free mass of the cell that a moving particle i came from; 0 at rest or from outside."""
+def _free_before(i: int, born: Particles, window: Window, prior: VelocityPrior) -> np.float32:
+    """Return the free mass of the cell that particle i came from; 0 at rest or from outside."""
     vx, vy = born.vx_mps[i], born.vy_mps[i]
     if (vx == 0) & (vy == 0):
         return np.float32(0)
     per_m = np.float32(1.0 / window.cell_m)
-    col = int(np.floor((born.x_m[i] - vx * past.dt_s) * per_m))
-    row = int(np.floor((born.y_m[i] - vy * past.dt_s) * per_m))
+    col = int(np.floor((born.x_m[i] - vx * prior.dt_s) * per_m))
+    row = int(np.floor((born.y_m[i] - vy * prior.dt_s) * per_m))
     if 0 <= row < window.rows and 0 <= col < window.cols:
-        free: np.float32 = past.free[row, col]
+        free: np.float32 = prior.free[row, col]
         return free
     return np.float32(0)

@@ -12,6 +12,7 @@ from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import rotation_2d
+from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma.filter import GridMap
 
 
@@ -32,7 +33,7 @@ class ReadoutConfig(StrictModel):
         description="share of the speed that joins it where the velocity is reported: the few "
         "particles of a cell agree by chance, and its neighbours err alike",
     )
-    silence_static: bool = Field(False, description="report zero for cells that are not moving")
+    zero_static: bool = Field(False, description="report zero for cells that are not moving")
 
 
 class ObstaclePoints(NamedTuple):
@@ -44,22 +45,13 @@ class ObstaclePoints(NamedTuple):
     """(M, 2) along the world's axes, from the window's corner."""
 
 
-class View(NamedTuple):
-    """The ego frame that the field is wanted in."""
-
-    grid: BevGrid
-    yaw_rad: float
-    """Heading of the ego frame in the world."""
-    stamp_ns: int
-
-
 class _Cells(NamedTuple):
     """K cells of the map, in world axes."""
 
     occupied: F32
     """(K,) occupied mass."""
     measured: Mask
-    """(K,) whether the velocity means something: enough mass, enough of it persistent."""
+    """(K,) whether there is a velocity: enough mass, and enough of it persistent."""
     moving: Mask
     """(K,) measured cells at a Mahalanobis distance from rest."""
     velocity_mps: F64
@@ -69,9 +61,9 @@ class _Cells(NamedTuple):
 
 
 def is_moving(grid_map: GridMap, config: ReadoutConfig) -> Mask:
-    """(rows, cols) occupied cells whose velocity v, with covariance S, differs from zero.
+    """Return (rows, cols) occupied cells whose velocity v, of covariance S, differs from zero.
 
-    The Mahalanobis test v^T S^-1 v > threshold: 9.2 is exceeded by one in a hundred at rest.
+    By the Mahalanobis test v^T S^-1 v > threshold: 9.2 is exceeded by 1 % of the cells at rest.
     """
     moving = np.zeros(grid_map.masses.occupied.size, np.bool_)
     candidates = np.flatnonzero(grid_map.masses.occupied >= config.occupied)
@@ -80,15 +72,14 @@ def is_moving(grid_map: GridMap, config: ReadoutConfig) -> Mask:
 
 
 def flow_field(
-    grid_map: GridMap, points: ObstaclePoints, view: View, config: ReadoutConfig
+    grid_map: GridMap, points: ObstaclePoints, grid: BevGrid, sweep: Sweep, config: ReadoutConfig
 ) -> FlowField:
-    """Every cell of the ego grid takes the mean of the map cells in which its points lie.
+    """Return the field: each cell of the ego grid is the mean of the map cells of its points.
 
     Only cells with a current obstacle point are occupied. A cell is valid if one of its points
     lies in a map cell with enough occupied and persistent mass; its covariance is that of the
-    mixture of those map cells. Means and covariances are turned into ego axes.
+    mixture of those map cells. Means and covariances are rotated into ego axes.
     """
-    grid = view.grid
     ego_cell, map_cell = _pair_cells(grid_map, points, grid)
     hit, slot = np.unique(ego_cell, return_inverse=True)
     terms = _terms(_read(grid_map, map_cell, config), config)
@@ -97,7 +88,7 @@ def flow_field(
     powers = sums[:, 3:] / np.maximum(measured, 1)[:, None]
     mean = powers[:, :2]
     covariance = powers[:, [2, 3, 3, 4]].reshape(-1, 2, 2) - mean[:, :, None] * mean[:, None]
-    turn = rotation_2d(-view.yaw_rad)
+    turn = rotation_2d(-sweep.world_T_ego.yaw_rad)
     return FlowField(
         grid=grid,
         velocity_mps=_spread(mean @ turn.T, hit, grid),
@@ -105,12 +96,12 @@ def flow_field(
         occupied=grid.occupancy(points.ego_m),
         valid=_spread(measured, hit, grid) > 0,
         weight=_spread(mass / number, hit, grid),
-        stamp_ns=view.stamp_ns,
+        stamp_ns=sweep.stamp_ns,
     )
 
 
 def _pair_cells(grid_map: GridMap, points: ObstaclePoints, grid: BevGrid) -> tuple[I64, I64]:
-    """Flat ego cell and flat map cell of every point that lies in both grids."""
+    """Return flat ego cell and flat map cell of every point that lies in both grids."""
     window = grid_map.window
     row, col, in_ego = grid.cells(points.ego_m)
     map_col, map_row = np.floor(points.window_m / window.cell_m).astype(np.int64).T
@@ -120,7 +111,7 @@ def _pair_cells(grid_map: GridMap, points: ObstaclePoints, grid: BevGrid) -> tup
 
 
 def _read(grid_map: GridMap, cell: I64, config: ReadoutConfig) -> _Cells:
-    """The map at flat cells (K,)."""
+    """Return the map at flat cells (K,)."""
     occupied = grid_map.masses.occupied.ravel()[cell]
     persistent = grid_map.split.persistent.ravel()[cell]
     measured = (occupied >= config.occupied) & (persistent > 0)
@@ -131,14 +122,14 @@ def _read(grid_map: GridMap, cell: I64, config: ReadoutConfig) -> _Cells:
     (vx, vy), (xx, xy, yy) = velocity.T, covariance.T
     distance = (yy * vx * vx - 2 * xy * vx * vy + xx * vy * vy) / (xx * yy - xy * xy)
     moving = measured & (distance > config.moving)
-    # only now: against a spread that grows with the speed, no speed would differ from zero
+    # after the test: against a spread that grows with the speed, no speed would differ from zero
     covariance[:, [0, 2]] += (config.relative**2 * (vx * vx + vy * vy))[:, None]
     return _Cells(occupied, measured, moving, velocity, covariance)
 
 
 def _terms(cells: _Cells, config: ReadoutConfig) -> list[F64]:
-    """What is summed over points: 1, m_occ, measured, first and second moments."""
-    reported = cells.moving if config.silence_static else cells.measured
+    """Return the terms summed over points: 1, m_occ, measured, first and second moments."""
+    reported = cells.moving if config.zero_static else cells.measured
     vx, vy = (cells.velocity_mps * reported[:, None]).T
     xx, xy, yy = cells.covariance_m2ps2.T * cells.measured
     moments = [vx, vy, xx + vx * vx, xy + vx * vy, yy + vy * vy]
@@ -146,7 +137,7 @@ def _terms(cells: _Cells, config: ReadoutConfig) -> list[F64]:
 
 
 def _spread(values: F64, cell: I64, grid: BevGrid) -> F32:
-    """(H, W, ...) grid with values (K, ...) at flat cells (K,) and zero elsewhere."""
+    """Return a grid (H, W, ...) with values (K, ...) at flat cells (K,), zero elsewhere."""
     height, width = grid.shape
     full = np.zeros((height * width, *values.shape[1:]), np.float32)
     full[cell] = values

@@ -1,4 +1,4 @@
-"""The recursive filter: one cycle of the dynamic occupancy grid map, step by step."""
+"""One cycle of the dynamic occupancy grid map: predict, update, birth, moments, resample."""
 
 from __future__ import annotations
 
@@ -9,33 +9,24 @@ from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core.errors import InputError
-from mottrack.flow.dogma.assign import assign
-from mottrack.flow.dogma.births import (
-    BirthConfig,
-    Past,
-    VelocityPrior,
-    allot,
-    give_birth,
-)
-from mottrack.flow.dogma.measurement_grid import MeasurementGrid
-from mottrack.flow.dogma.moments import Moments, velocity_moments
+from mottrack.flow.dogma.births import BirthConfig, VelocityPrior, allocate_births, draw_births
+from mottrack.flow.dogma.measurement_grid import Masses
 from mottrack.flow.dogma.noise import stream, uniform
-from mottrack.flow.dogma.occupancy import (
-    Carried,
-    Masses,
-    OccupancyConfig,
-    Rates,
-    Split,
-    update_occupancy,
+from mottrack.flow.dogma.occupancy import OccupancyConfig, Prior, Rates, Split, update_occupancy
+from mottrack.flow.dogma.particles import Moments, Particles, assign, velocity_moments
+from mottrack.flow.dogma.predict import (
+    MotionStep,
+    ParticleMotionConfig,
+    predict,
+    survival_over,
 )
-from mottrack.flow.dogma.particles import Particles
-from mottrack.flow.dogma.predict import Motion, MotionConfig, predict, survival_over
 from mottrack.flow.dogma.resample import Candidates, resample
-from mottrack.flow.dogma.window import Window, moved
+from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
+from mottrack.lidar.scrolling import scrolled
 
-_PREDICT, _ALLOT, _BIRTH, _RESAMPLE = range(4)
-"""Stages that draw random numbers."""
+_PREDICT, _ALLOCATE, _BIRTH, _RESAMPLE = range(4)
+"""Stages that draw random numbers, each from a stream of its own."""
 
 
 class FilterConfig(StrictModel):
@@ -43,7 +34,7 @@ class FilterConfig(StrictModel):
 
     particles: int = Field(300_000, ge=1, description="persistent particles, nu")
     births: int = Field(30_000, ge=1, description="new-born particles per cycle, nu_b")
-    motion: MotionConfig = MotionConfig()
+    motion: ParticleMotionConfig = ParticleMotionConfig()
     occupancy: OccupancyConfig = OccupancyConfig()
     birth: BirthConfig = BirthConfig()
     seed: int = Field(0, ge=0, description="seed of all random numbers")
@@ -57,7 +48,7 @@ class GridMap:
     masses: Masses
     """Posterior mass of occupied and free."""
     split: Split
-    """Occupied mass by origin; the velocity speaks for the persistent part."""
+    """Occupied mass by origin; the velocity is that of the persistent part."""
     moments: Moments
     """Velocity of the persistent mass."""
 
@@ -85,8 +76,8 @@ class DynamicGridFilter:
         """Occupied mass that each particle stands for."""
         return self._mass_each
 
-    def step(self, measured: MeasurementGrid, window: Window, dt_s: float) -> GridMap:
-        """Advances by `dt_s` seconds to a measurement on `window`.
+    def step(self, measured: Masses, window: Window, dt_s: float) -> GridMap:
+        """Advance by `dt_s` seconds to a measurement on `window`.
 
         Raises:
             InputError: `dt_s` is not positive, the measurement has another shape than the window,
@@ -97,17 +88,13 @@ class DynamicGridFilter:
         self._follow(before, window, dt_s)
         assignment = assign(self._particles, window, before, self._workers)
         weight = survival_over(dt_s, self.config.motion) * self._mass_each
-        posterior, split = update_occupancy(
-            Carried(assignment.start, weight),
-            self._masses,
-            measured,
-            Rates.over(dt_s, self.config.occupancy),
-            self._workers,
-        )
-        births = allot(split.born, self.config.births, self._key(_ALLOT))
-        past = Past(self._masses.free, np.float32(dt_s))
-        velocity = VelocityPrior.of(self.config.birth, split.uncovered, past)
-        born = give_birth(births, window, velocity, self._key(_BIRTH), self._workers)
+        rates = Rates.over(dt_s, self.config.occupancy)
+        prior = Prior(assignment.start, weight, self._masses, rates)
+        posterior, split = update_occupancy(prior, measured, self._workers)
+        births = allocate_births(split.born, self.config.births, self._key(_ALLOCATE))
+        free = self._masses.free
+        velocity = VelocityPrior.of(self.config.birth, split.uncovered, free, dt_s)
+        born = draw_births(births, window, velocity, self._key(_BIRTH), self._workers)
         moments = velocity_moments(self._particles, assignment, window.shape, self._workers)
         self._mass_each = resample(
             Candidates(self._particles, assignment, born, births),
@@ -122,21 +109,21 @@ class DynamicGridFilter:
         return GridMap(window, posterior, split, moments)
 
     def _follow(self, before: Window, window: Window, dt_s: float) -> None:
-        """Predicts the particles and moves everything to the new window."""
+        """Predict the particles and move everything to the new window."""
         rows, cols = before.offset_to(window)
         shift_m = (-cols * window.cell_m, -rows * window.cell_m)
-        motion = Motion.over(dt_s, shift_m, self.config.motion)
+        motion = MotionStep.over(dt_s, shift_m, self.config.motion)
         count = self.config.particles
         self._workers.run(predict, count, self._particles, motion, self._key(_PREDICT))
         if self._window is None:
             self._masses = Masses.unknown(window.shape)
-        self._masses = Masses(*(moved(mass, (rows, cols)) for mass in self._masses))
+        self._masses = Masses(*(scrolled(mass, (rows, cols)) for mass in self._masses))
         self._window = window
 
     def _key(self, stage: int) -> np.uint64:
         return stream(self.config.seed, self._cycle, stage)
 
-    def _check(self, measured: MeasurementGrid, window: Window, dt_s: float) -> None:
+    def _check(self, measured: Masses, window: Window, dt_s: float) -> None:
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise InputError("dt_s", dt_s, "a positive number of seconds")
         if measured.occupied.shape != window.shape or measured.free.shape != window.shape:

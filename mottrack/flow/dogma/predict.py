@@ -1,8 +1,8 @@
 """Prediction of the particles: those at rest stay, the others move at constant velocity.
 
-Nuss et al. move every particle with white noise on its velocity. Along a wall nothing contradicts
-that noise and the wall seems to slide, so particles here also have a state of rest (velocity
-exactly zero), which they leave and enter at a configured rate.
+Nuss et al. move every particle with white noise on its velocity. Along a wall no measurement
+contradicts that noise and the wall seems to slide, so particles here also have a state of rest
+(velocity exactly zero), which they leave and enter at a configured rate.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from mottrack.flow.dogma.particles import Particles
 from mottrack.flow.dogma.workers import Span
 
 REFERENCE_PERIOD_S = 0.1
-"""Noise, survival and forgetting are given for one turn of a 10 Hz LiDAR."""
+"""Noise, survival and forgetting are given for one revolution of a 10 Hz LiDAR."""
 
 
-class MotionConfig(StrictModel):
+class ParticleMotionConfig(StrictModel):
     """How particles move; noise and survival per 0.1 s, scaled to the elapsed time."""
 
     position_noise_m: float = Field(0.05, ge=0, description="standard deviation of position noise")
@@ -32,8 +32,8 @@ class MotionConfig(StrictModel):
     survival: float = Field(0.99, gt=0, le=1, description="probability that a particle persists")
 
 
-class Motion(NamedTuple):
-    """One prediction, as the kernel takes it."""
+class MotionStep(NamedTuple):
+    """`ParticleMotionConfig` over one prediction, as the kernel takes it."""
 
     dt_s: np.float32
     shift_x_m: np.float32
@@ -45,8 +45,10 @@ class Motion(NamedTuple):
     rest_below_mps: np.float32
 
     @classmethod
-    def over(cls, dt_s: float, shift_m: tuple[float, float], config: MotionConfig) -> Motion:
-        """Noise grows with the square root of time."""
+    def over(
+        cls, dt_s: float, shift_m: tuple[float, float], config: ParticleMotionConfig
+    ) -> MotionStep:
+        """Return the step over `dt_s`; noise grows with the square root of time."""
         growth = np.sqrt(dt_s / REFERENCE_PERIOD_S)
         return cls(
             np.float32(dt_s),
@@ -59,14 +61,14 @@ class Motion(NamedTuple):
         )
 
 
-def survival_over(dt_s: float, config: MotionConfig) -> float:
-    """Probability p_S that a particle persists over `dt_s`."""
+def survival_over(dt_s: float, config: ParticleMotionConfig) -> float:
+    """Return the probability p_S that a particle persists over `dt_s`."""
     return float(config.survival ** (dt_s / REFERENCE_PERIOD_S))
 
 
 @compiled(nogil=True)
-def predict(span: Span, particles: Particles, motion: Motion, key: np.uint64) -> None:
-    """In place: x += v dt + N(0, sigma_p), v += N(0, sigma_v); at rest both stay as they are."""
+def predict(span: Span, particles: Particles, motion: MotionStep, key: np.uint64) -> None:
+    """Predict in place: x += v dt + N(0, sigma_p), v += N(0, sigma_v); at rest both stay."""
     slow2 = motion.rest_below_mps * motion.rest_below_mps
     for i in range(span[0], span[1]):
         bits = draw(key, np.uint64(i))

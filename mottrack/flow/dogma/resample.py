@@ -8,13 +8,12 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F32, F64
-from mottrack.flow.dogma.assign import Assignment
 from mottrack.flow.dogma.births import Births
-from mottrack.flow.dogma.particles import Particles
+from mottrack.flow.dogma.particles import Assignment, Particles
 from mottrack.flow.dogma.workers import Span, Workers
 
 _ROUNDING = 1e-6
-"""Keeps the first and the last tooth clear of the ends, where rounding could gain or lose one."""
+"""Distance of the first and the last tooth from the ends, where rounding could add or lose one."""
 
 
 class Candidates(NamedTuple):
@@ -26,31 +25,38 @@ class Candidates(NamedTuple):
     births: Births
 
 
+class _Comb(NamedTuple):
+    """The mass of all cells in a row, and the teeth of equal spacing along it."""
+
+    begin: F64
+    """(cells + 1,) where the mass of each cell begins: persistent, then born."""
+    persistent: F32
+    """(cells,)."""
+    spacing: float
+    offset: float
+    """Place of the first tooth, in spacings."""
+
+
 def resample(
-    candidates: Candidates,
-    persistent: F32,
-    offset: float,
-    chosen: Particles,
-    workers: Workers,
+    candidates: Candidates, persistent: F32, offset: float, chosen: Particles, workers: Workers
 ) -> float:
-    """Fills `chosen` with particles drawn in proportion to mass; returns the mass of each.
+    """Fill `chosen` with particles drawn in proportion to mass; return the mass of each.
 
     The mass of all cells is laid out in a row, the persistent (rows, cols) mass of a cell before
     its born mass, and comb teeth of equal spacing, the first at `offset` in [0, 1) of it, pick the
-    particles. Without any mass `chosen` is left as it is and weighs nothing.
+    particles. Without any mass `chosen` is unchanged and 0 is returned.
     """
-    begin = _layout(persistent.ravel(), candidates.births)
+    begin = _cumulative(persistent.ravel(), candidates.births)
     spacing = float(begin[-1]) / len(chosen.x_m)
     if spacing > 0:
-        comb = (spacing, min(max(offset, _ROUNDING), 1 - _ROUNDING))
-        layout = (begin, persistent.ravel())
-        workers.run(_comb, persistent.size, candidates, layout, comb, chosen)
+        offset = min(max(offset, _ROUNDING), 1 - _ROUNDING)
+        comb = _Comb(begin, persistent.ravel(), spacing, offset)
+        workers.run(_draw, persistent.size, candidates, comb, chosen)
     return spacing
 
 
 @compiled(nogil=True)
-def _layout(persistent: F32, births: Births) -> F64:
-    """(cells + 1,) where the mass of each cell begins."""
+def _cumulative(persistent: F32, births: Births) -> F64:
     begin = np.empty(len(persistent) + 1)
     begin[0] = 0.0
     for c in range(len(persistent)):
@@ -60,14 +66,8 @@ def _layout(persistent: F32, births: Births) -> F64:
 
 
 @compiled(nogil=True)
-def _comb(
-    cells: Span,
-    candidates: Candidates,
-    layout: tuple[F64, F32],
-    comb: tuple[float, float],
-    chosen: Particles,
-) -> None:
-    begin, persistent = layout
+def _draw(cells: Span, candidates: Candidates, comb: _Comb, chosen: Particles) -> None:
+    begin, persistent, spacing, offset = comb
     start, born_start = candidates.assignment.start, candidates.births.start
     for c in range(cells[0], cells[1]):
         if begin[c] == begin[c + 1]:
@@ -75,23 +75,18 @@ def _comb(
         middle = begin[c] + persistent[c]
         for born in range(2):
             low, high = (middle, begin[c + 1]) if born else (begin[c], middle)
-            tooth, end = _first_tooth(low, comb), _first_tooth(high, comb)
+            # the first teeth at or beyond both ends
+            tooth = int(np.ceil(low / spacing - offset))
+            end = int(np.ceil(high / spacing - offset))
             first = born_start[c] if born else start[c]
             count = (born_start[c + 1] if born else start[c + 1]) - first
             for k in range(tooth, end):
-                share = ((k + comb[1]) * comb[0] - low) / (high - low)
+                share = ((k + offset) * spacing - low) / (high - low)
                 index = first + min(max(int(share * count), 0), count - 1)
                 if born:
                     _copy(candidates.born, index, chosen, k)
                 else:
                     _copy(candidates.particles, candidates.assignment.order[index], chosen, k)
-
-
-@compiled(nogil=True)
-def _first_tooth(place: float, comb: tuple[float, float]) -> int:
-    """Number of the first tooth at or behind a place."""
-    spacing, offset = comb
-    return int(np.ceil(place / spacing - offset))
 
 
 @compiled(nogil=True)

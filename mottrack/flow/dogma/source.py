@@ -1,4 +1,4 @@
-"""`flow=dogma`: velocities from the dynamic occupancy grid map."""
+"""Flow source `dogma`: velocities from the dynamic occupancy grid map."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import Mask
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import FLOW_ERRORS
-from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, View, flow_field, is_moving
+from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
-from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
+from mottrack.flow.dogma.measurement_grid import OBSTACLE, SensorConfig, measure, returns_of
 from mottrack.flow.dogma.predict import REFERENCE_PERIOD_S
-from mottrack.flow.dogma.returns import OBSTACLE, returns_of
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
-from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds
 
 REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
 
@@ -41,7 +40,7 @@ class ContinuityConfig(StrictModel):
 
 
 class DogmaConfig(StrictModel):
-    """Parameters of every stage; the defaults are for 10 Hz sweeps and 0.25 m cells."""
+    """Settings of every stage; the defaults are for 10 Hz sweeps and 0.25 m cells."""
 
     ground: GroundStage = GroundStage()
     sensor: SensorConfig = SensorConfig()
@@ -51,8 +50,8 @@ class DogmaConfig(StrictModel):
     threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
 
 
-class DogmaFlow:
-    """The recursive rival of two-frame flow: a particle filter that lives through a scene."""
+class DogmaFlow(FlowSourceBase):
+    """Recursive flow, unlike that from two sweeps: a particle filter over a whole scene."""
 
     Config = DogmaConfig
     error_model = replace(FLOW_ERRORS, relative=0.0)
@@ -68,7 +67,7 @@ class DogmaFlow:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the map: a new scene begins."""
+        """Clear the map at the start of a scene."""
         self._filter = DynamicGridFilter(self.config.filter, self._workers)
         self._last: Sweep | None = None
         self._map: GridMap | None = None
@@ -79,7 +78,7 @@ class DogmaFlow:
         return self._map
 
     def current_map(self) -> tuple[GridMap, Mask]:
-        """`grid_map`, and which (rows, cols) of its cells the Mahalanobis test calls moving.
+        """Return `grid_map`, and (rows, cols) which of its cells move by the Mahalanobis test.
 
         Raises:
             InputError: there has been no sweep since `reset`.
@@ -89,10 +88,10 @@ class DogmaFlow:
         return self._map, is_moving(self._map, self.config.readout)
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """The field at `current`, after all sweeps given since `reset`.
+        """Return the field at `current`, after all sweeps given since `reset`.
 
-        Sweeps that the filter has not seen yet are taken in, `previous` before `current`, so a
-        scene may be fed as overlapping pairs.
+        The filter is updated with those of the two sweeps that it has not had yet, so a scene may
+        be given as overlapping pairs.
 
         Raises:
             InputError: `current` is not later than `previous` and than every sweep before, or
@@ -100,11 +99,11 @@ class DogmaFlow:
         """
         elapsed_seconds(previous, current)
         if self._last is None or previous.stamp_ns > self._last.stamp_ns:
-            self._take_in(previous)
-        return self._take_in(current)
+            self._update(previous)
+        return self._update(current)
 
-    def _take_in(self, sweep: Sweep) -> FlowField:
-        """One cycle: sweep -> returns -> measurement grid -> filter -> flow field."""
+    def _update(self, sweep: Sweep) -> FlowField:
+        """Run one cycle: sweep -> returns -> measurement grid -> filter -> flow field."""
         dt_s = self._elapsed_s(sweep)
         returns = returns_of(sweep, self._ground)
         window = self._window(sweep)
@@ -116,17 +115,16 @@ class DogmaFlow:
             ego_m=sweep.xyz_m[obstacle, :2],
             window_m=returns.xy_m[obstacle] + (returns.centre_m - window.corner_m),
         )
-        view = View(self.grid, sweep.world_T_ego.yaw_rad, sweep.stamp_ns)
-        return flow_field(self._map, points, view, self.config.readout)
+        return flow_field(self._map, points, self.grid, sweep, self.config.readout)
 
     def _window(self, sweep: Sweep) -> Window:
-        """A square around the vehicle that reaches as far as the ego grid's farthest side."""
+        """Return a square around the vehicle, up to the ego grid's farthest side."""
         cell_m = self.grid.cell_m
         x_m, y_m = sweep.world_T_ego.translation_m[:2]
         return Window.around(x_m, y_m, 2 * math.ceil(self.grid.reach_m / cell_m), cell_m)
 
     def _elapsed_s(self, sweep: Sweep) -> float:
-        """Seconds since the last sweep; the reference period at the start of a scene.
+        """Return the seconds since the last sweep; the reference period at the start of a scene.
 
         Raises:
             InputError: time or the ego vehicle jumps and jumps are refused; nothing has changed.
@@ -143,7 +141,7 @@ class DogmaFlow:
         return REFERENCE_PERIOD_S
 
     def _jump(self, last: Sweep, sweep: Sweep, elapsed_s: float) -> InputError | None:
-        """Why the sweep cannot continue the map, if it cannot."""
+        """Return why the sweep cannot continue the map, if it cannot."""
         continuity = self.config.continuity
         if elapsed_s <= 0:
             return InputError("stamp_ns", sweep.stamp_ns, f"> {last.stamp_ns}, the last sweep's")

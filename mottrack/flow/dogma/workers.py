@@ -1,7 +1,7 @@
 """Kernels run over slices of their work by a few threads.
 
 Every kernel writes only what belongs to its slice and draws its noise by index, so the result does
-not depend on how many threads there are. Plain threads (numba releases the interpreter) are safe
+not depend on the number of threads. Plain threads (numba releases the interpreter lock) are safe
 beside process pools and other threads, where numba's own parallel regions are not.
 """
 
@@ -16,7 +16,7 @@ Span = tuple[int, int]
 """First and one past the last index of a slice."""
 
 SLICES_PER_THREAD = 4
-"""Obstacles crowd in a few rows: smaller slices level the load."""
+"""Obstacles are concentrated in a few rows: smaller slices balance the load."""
 
 
 class Workers:
@@ -27,7 +27,7 @@ class Workers:
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def run(self, kernel: Callable[..., Any], length: int, *arguments: object) -> None:
-        """Calls `kernel(span, *arguments)` for spans that together cover [0, length)."""
+        """Call `kernel(span, *arguments)` for spans that together cover [0, length)."""
         if self._pool is None:
             kernel((0, length), *arguments)
             return

@@ -17,7 +17,7 @@ from mottrack.core.arrays import F32, I8, I64, Mask
 from mottrack.core.grid import BevGrid
 from mottrack.lidar.visibility import FREE, UNSEEN
 
-DESCRIPTORS = 9
+DESCRIPTORS = 9  # numbers that describe a point (paper, section III-A)
 _POSITION_SCALE, _HEIGHT_SCALE = 0.02, 0.5
 """1 / 50 m, the paper's half width of the grid; 1 / 2 m, about the height of a van."""
 

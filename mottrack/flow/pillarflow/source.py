@@ -12,13 +12,13 @@ from mottrack.config import StrictModel
 from mottrack.core.arrays import Mask
 from mottrack.core.errors import DataError
 from mottrack.core.grid import BevGrid
+from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import FLOW_ERRORS
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
 from mottrack.flow.stages import Stages, StagesConfig
-from mottrack.flow.sweep_pair.elapsed import elapsed_seconds
-from mottrack.flow.sweep_pair.prepared import SweepPair
+from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.engine import CellMotion
@@ -69,7 +69,7 @@ class BinaryOgmConfig(PillarFlowConfig):
     weights: str = Field("binary_ogm", description="shipped weights by name, or a file")
 
 
-class PillarFlow:
+class PillarFlow(FlowSourceBase):
     """Estimates a dense field of velocities with a learned network.
 
     `raw` is the network alone; `estimate` applies the stages before it and, if `refined`, after it.
@@ -109,7 +109,7 @@ class PillarFlow:
             InputError: ``current`` is not later than ``previous``.
         """
         if elapsed_seconds(previous, current) > self.config.max_gap_s:
-            kept, _ = self.stages.work_on(current).kept
+            kept, _ = self.stages.features_of(current).obstacles
             occupied = self.grid.occupancy(kept.xyz_m)
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
         pair = self.stages.before(previous, current)
@@ -131,8 +131,8 @@ class PillarFlow:
         return self._field(motion, occupied, pair)
 
     def reset(self) -> None:
-        """Forget the features of earlier sweeps."""
-        self.stages.forget()
+        """Remove the features of earlier sweeps."""
+        self.stages.reset()
 
     def _field(self, motion: CellMotion, occupied: Mask, pair: SweepPair) -> FlowField:
         """Look up the network's cell for each occupied cell and divide by the elapsed time."""

@@ -1,11 +1,13 @@
-"""Where a component might have been: correlation of occupancy over all displacements.
+"""Candidate displacements of a component by correlation of occupancy.
 
-The previous occupancy becomes a map of the distance to the nearest occupied cell; laying the
-component over it at every displacement and averaging is a correlation that forgives half a cell.
-Its best few minima are the starts of a registration.
+The previous occupancy becomes a map of the distance to the nearest occupied cell. The mean of it
+under the component, at every displacement, is a correlation that tolerates half a cell. Its lowest
+minima are the starts of a registration.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,14 +15,29 @@ from mottrack.compiled import compiled
 from mottrack.core.arrays import F32, F64, I64, Mask
 
 
+class SearchGrid(NamedTuple):
+    """The displacements that are tried."""
+
+    radius: int
+    """Search radius in steps."""
+    step: int
+    """Cells of a step; the best displacements are refined by single cells."""
+    starts: int
+    """Most displacements that are returned for a component."""
+    max_points: int
+    """Points of a component that are compared."""
+
+
 @compiled
-def distance_map(occupied: Mask, cap: float) -> F32:
-    """(H, W) distance in cells to the nearest occupied cell, at most `cap`; 1 / sqrt(2) chamfer."""
+def distance_map(occupied: Mask, truncation: float) -> F32:
+    """Return (H, W) distances in cells to the nearest occupied cell, at most `truncation`.
+
+    Two passes of the 1 / sqrt(2) chamfer (Borgefors, 1986).
+    """
     height, width = occupied.shape
-    far = np.float32(cap)
     diagonal = np.float32(np.sqrt(2.0))
     one = np.float32(1.0)
-    distance = np.where(occupied, np.float32(0.0), far)
+    distance = np.where(occupied, np.float32(0.0), np.float32(truncation))
     for r in range(1, height):
         for c in range(1, width - 1):
             near = min(distance[r, c - 1], distance[r - 1, c]) + one
@@ -35,30 +52,45 @@ def distance_map(occupied: Mask, cap: float) -> F32:
 
 
 @compiled
-def correlation_starts(
-    distance: F32,
-    cells: I64,
-    reach: int,
-    step: int,
-    count: int,
-) -> I64:
-    """(K, 2) best displacements (rows, columns) of a component, local minima, best first.
+def correlate_all(
+    distance: F32, cells: I64, spans: I64, wanted: Mask, search: SearchGrid
+) -> tuple[I64, I64]:
+    """Return the starts (S, 2) in cells of every wanted component and the first of each (K + 1,).
 
     Args:
-        distance: (H, W) capped distance map of the previous occupancy, in cells.
-        cells: (M, 2) row and column of the component's cells.
-        reach: largest displacement, in steps.
-        step: cells between the displacements that are tried; the best go on by single cells.
-        count: most displacements that are returned.
+        distance: (H, W) truncated distance map of the previous occupancy, in cells.
+        cells: (M, 2) row and column of each point, sorted by component.
+        spans: (K + 1,) first point of each component.
+        wanted: (K,) components that are correlated.
+        search: the displacements that are tried.
     """
-    size = 2 * reach + 1
+    count = len(wanted)
+    starts = np.empty((count * search.starts, 2), np.int64)
+    start_spans = np.zeros(count + 1, np.int64)
+    filled = 0
+    for k in range(count):
+        if wanted[k]:
+            stride = max((spans[k + 1] - spans[k]) // search.max_points, 1)
+            compared = np.ascontiguousarray(cells[spans[k] : spans[k + 1] : stride])
+            found = _correlate(distance, compared, search)
+            starts[filled : filled + len(found)] = found
+            filled += len(found)
+        start_spans[k + 1] = filled
+    return starts[:filled].copy(), start_spans
+
+
+@compiled
+def _correlate(distance: F32, cells: I64, search: SearchGrid) -> I64:
+    """Return the best displacements (rows, columns) of a component: local minima, best first."""
+    radius, step = search.radius, search.step
+    size = 2 * radius + 1
     score = np.full((size + 2, size + 2), np.inf)
     for i in range(size):
         for j in range(size):
-            if (i - reach) ** 2 + (j - reach) ** 2 <= reach * reach:
-                down, right = step * (i - reach), step * (j - reach)
+            if (i - radius) ** 2 + (j - radius) ** 2 <= radius * radius:
+                down, right = step * (i - radius), step * (j - radius)
                 score[i + 1, j + 1] = _mean_distance(distance, cells, down, right)
-    best: I64 = step * (_lowest_minima(score, count) - 1 - reach)
+    best = step * (_lowest_minima(score, search.starts) - 1 - radius)
     if step > 1:
         for k in range(len(best)):
             _descend(distance, cells, best[k], step)
@@ -67,7 +99,7 @@ def correlation_starts(
 
 @compiled
 def _lowest_minima(score: F64, count: int) -> I64:
-    """(K, 2) row and column of the finite local minima inside the rim, lowest first."""
+    """Return row and column (K, 2) of the finite local minima inside the rim, lowest first."""
     minima = np.empty((score.size, 3))
     found = 0
     for i in range(1, score.shape[0] - 1):
@@ -81,10 +113,10 @@ def _lowest_minima(score: F64, count: int) -> I64:
 
 
 @compiled
-def _descend(distance: F32, cells: I64, shift: I64, most: int) -> None:
-    """Moves a displacement (2,), in place, downhill by single cells, `most` times at most."""
+def _descend(distance: F32, cells: I64, shift: I64, max_steps: int) -> None:
+    """Move a displacement (2,), in place, downhill by single cells."""
     here = _mean_distance(distance, cells, shift[0], shift[1])
-    for _ in range(most):
+    for _ in range(max_steps):
         best, down, right = here, 0, 0
         for i in range(-1, 2):
             for j in range(-1, 2):
@@ -107,36 +139,3 @@ def _mean_distance(distance: F32, cells: I64, down: int, right: int) -> float:
         c = min(max(cells[k, 1] + right, 0), width - 1)
         total += distance[r, c]
     return total / len(cells)
-
-
-@compiled
-def all_starts(
-    distance: F32,
-    cells: I64,
-    spans: I64,
-    wanted: Mask,
-    limits: tuple[int, int, int, int],
-) -> tuple[I64, I64]:
-    """Starts (S, 2) in cells of every wanted component and the first of each (K + 1,).
-
-    Args:
-        distance: the capped distance map.
-        cells: (M, 2) cell of each point, sorted by component.
-        spans: (K + 1,) first point of each component.
-        wanted: (K,) components that are correlated.
-        limits: reach in steps, cells of a step, starts per component, points per component that
-            are laid over.
-    """
-    count = len(wanted)
-    starts = np.empty((count * limits[2], 2), np.int64)
-    start_spans = np.zeros(count + 1, np.int64)
-    filled = 0
-    for k in range(count):
-        if wanted[k]:
-            stride = max((spans[k + 1] - spans[k]) // limits[3], 1)
-            chosen = np.ascontiguousarray(cells[spans[k] : spans[k + 1] : stride])
-            found = correlation_starts(distance, chosen, limits[0], limits[1], limits[2])
-            starts[filled : filled + len(found)] = found
-            filled += len(found)
-        start_spans[k + 1] = filled
-    return starts[:filled].copy(), start_spans

@@ -1,7 +1,4 @@
-"""Who belongs to whom: gate, cost and assignment as pure functions of arrays.
-
-Overlaps are in `association.overlap`, which needs numba, so they are not loaded here.
-"""
+"""Data association: candidate search, pair costs and assignment as pure functions of arrays."""
 
 from mottrack.trackers.association.assign import (
     ASSIGNMENTS,
@@ -11,15 +8,16 @@ from mottrack.trackers.association.assign import (
     mutual_nearest,
 )
 from mottrack.trackers.association.candidates import candidate_pairs
-from mottrack.trackers.association.cost import centre_distance_m, mahalanobis
+from mottrack.trackers.association.cost import OVERLAPS, centre_distance_m, overlap_cost
 
 __all__ = [
     "ASSIGNMENTS",
+    "OVERLAPS",
     "Assignment",
     "candidate_pairs",
     "centre_distance_m",
     "greedy",
     "hungarian",
-    "mahalanobis",
     "mutual_nearest",
+    "overlap_cost",
 ]

@@ -1,4 +1,4 @@
-"""One-to-one matching of gated pairs; ties are always broken by row, then by column."""
+"""One-to-one assignment of gated pairs; ties are broken by row, then by column."""
 
 from collections.abc import Callable
 
@@ -15,21 +15,20 @@ Assignment = Callable[[F64, Pairs], I64]
 
 
 def greedy(cost: F64, pairs: Pairs) -> I64:
-    """Accept pairs from the cheapest to the dearest while both sides are free.
+    """Accept pairs in order of increasing cost while both sides are free.
 
-    cost (P,) of the pairs (i, j), two arrays (P,). Returns the indices of the accepted pairs, in
-    the order of acceptance.
+    `cost` (P,) belongs to the pairs (i, j), two arrays (P,). Returns the indices of the accepted
+    pairs in the order of acceptance.
     """
     if len(cost) == 0:
         return np.empty(0, np.int64)
     order = np.lexsort((pairs[1], pairs[0], cost))
-    accepted: I64 = _accept(order, (pairs[0][order], pairs[1][order]))
-    return accepted
+    return _accept(order, (pairs[0][order], pairs[1][order]))
 
 
 @compiled
 def _accept(order: I64, pairs: Pairs) -> I64:
-    """Those of `order` (P,) whose pair, in the same order, has both sides still free."""
+    """Return those of `order` (P,) whose pair, in the same order, has both sides still free."""
     rows, columns = pairs
     taken_left = np.zeros(rows.max() + 1, np.bool_)
     taken_right = np.zeros(columns.max() + 1, np.bool_)
@@ -44,11 +43,10 @@ def _accept(order: I64, pairs: Pairs) -> I64:
 
 
 def hungarian(cost: F64, pairs: Pairs) -> I64:
-    """The matching with the most pairs and, among those, the least total cost.
+    """Return the matching with the most pairs and, among those, the least total cost.
 
-    Same arguments and result as `greedy`; pairs that are not listed can never match. Groups of
-    rows and columns that no pair connects are solved one by one, so the work grows with the number
-    of conflicts.
+    Same arguments and result as `greedy`; pairs that are not listed never match. Connected
+    components of the pairs are solved one by one, so the work grows with the number of conflicts.
     """
     if len(cost) == 0:
         return np.empty(0, np.int64)
@@ -57,9 +55,9 @@ def hungarian(cost: F64, pairs: Pairs) -> I64:
     size = len(rows) + len(columns)
     links = coo_array((np.ones(len(i), np.int8), (i, len(rows) + j)), shape=(size, size))
     group = connected_components(links, directed=False)[1][i]
-    lonely = np.bincount(group)[group] == 1
-    chosen = [np.flatnonzero(lonely)]
-    rest = np.flatnonzero(~lonely)
+    isolated = np.bincount(group)[group] == 1
+    chosen = [np.flatnonzero(isolated)]
+    rest = np.flatnonzero(~isolated)
     order = rest[np.argsort(group[rest], kind="stable")]
     groups = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
     chosen += [some[_solve(cost[some], i[some], j[some])] for some in groups]
@@ -67,12 +65,13 @@ def hungarian(cost: F64, pairs: Pairs) -> I64:
 
 
 def _solve(cost: F64, row: I64, column: I64) -> I64:
-    """Indices of the pairs of the best matching within one group."""
+    """Return the indices of the pairs of the best matching within one component."""
     if len(cost) == 0:
         return np.empty(0, np.int64)
     rows, i = np.unique(row, return_inverse=True)
     columns, j = np.unique(column, return_inverse=True)
     floor = float(cost.min())
+    # dearer than all listed pairs together: an absent pair is taken only where there is no other
     absent = (float(cost.max()) - floor + 1.0) * (min(len(rows), len(columns)) + 1)
     matrix = np.full((len(rows), len(columns)), absent)
     matrix[i, j] = cost - floor
@@ -83,7 +82,7 @@ def _solve(cost: F64, row: I64, column: I64) -> I64:
 
 
 def mutual_nearest(cost: F64, pairs: Pairs) -> I64:
-    """Pairs in which each side is the other's cheapest; same arguments and result as `greedy`."""
+    """Return pairs in which each side is the other's cheapest; arguments as for `greedy`."""
     order = np.lexsort((pairs[1], pairs[0], cost))
     left, right = pairs[0][order], pairs[1][order]
     first_left = np.zeros(len(order), bool)

@@ -1,4 +1,4 @@
-"""What one frame adds to the factor graph: a state node per associated track, and its factors."""
+"""Measurements of one frame, and the nodes and factors that they add to the graph."""
 
 from __future__ import annotations
 
@@ -10,19 +10,17 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
-from mottrack.trackers.fixed_lag.motion import (
-    MotionNoise,
-    planar_root_information,
-    process_noise,
-    square_root_information,
-    transition,
-)
+from mottrack.core.objects import Objects
+from mottrack.geometry.two_by_two import is_covariance_2x2, root_information_2x2
+from mottrack.trackers.fixed_lag.config import MeasurementConfig, MotionModelConfig
+from mottrack.trackers.fixed_lag.motion import process_noise, transition
 
 MIN_STEP_S = 1e-3
 """Shorter steps make Q(dt) singular in double precision."""
 MAX_STEP_S = 60.0
+"""Over longer steps the prediction says nothing, and Q(dt) grows with dt^5 beyond any use."""
 
-MEASUREMENT: dict[str, tuple[Any, tuple[int, ...]]] = {
+NODE_FIELDS: dict[str, tuple[Any, tuple[int, ...]]] = {
     "birth": (np.bool_, ()),
     "position_m": (np.float64, (2,)),
     "position_covariance_m2": (np.float64, (2, 2)),
@@ -33,15 +31,18 @@ MEASUREMENT: dict[str, tuple[Any, tuple[int, ...]]] = {
     "weight": (np.float64, (2,)),
     "innovation": (np.float64, (2,)),
 }
-"""Type and shape of what is measured at a node."""
+"""Type and shape of each field of a node."""
 
 
 @dataclass(frozen=True, eq=False)
 class NodeBatch:
     """The measurements of one stamp, one row a track. Positions and velocities in one fixed frame.
 
-    Raises `InputError` when shapes disagree or a track appears twice: GTSAM ends the process on
-    wrong shapes, so they never reach it. Values are judged row by row, by `usable`.
+    GTSAM ends the process on wrong shapes, so they are refused here; values are checked row by row,
+    by `usable`.
+
+    Raises:
+        InputError: shapes disagree, or a track appears twice.
     """
 
     stamp_ns: int
@@ -70,7 +71,7 @@ class NodeBatch:
         count = len(self.slot)
         if self.slot.shape != (count,):
             raise InputError("slot", self.slot.shape, str((count,)))
-        for field, (_, tail) in MEASUREMENT.items():
+        for field, (_, tail) in NODE_FIELDS.items():
             if getattr(self, field).shape != (count, *tail):
                 raise InputError(field, getattr(self, field).shape, str((count, *tail)))
         if len(np.unique(self.slot)) != count:
@@ -80,34 +81,25 @@ class NodeBatch:
         return len(self.slot)
 
     def select(self, rows: NDArray[Any]) -> NodeBatch:
-        """The rows that a mask or an index picks."""
+        """Return the rows that a mask or an index picks."""
         if rows.dtype == np.bool_ and rows.all():
             return self
-        arrays = {name: getattr(self, name)[rows] for name in MEASUREMENT}
+        arrays = {name: getattr(self, name)[rows] for name in NODE_FIELDS}
         return NodeBatch(stamp_ns=self.stamp_ns, slot=self.slot[rows], **arrays)
 
     def usable(self, dt_s: F64) -> Mask:
-        """(N,) rows that can be eliminated: finite, positive definite, with a step in time.
+        """Return which rows (N,) can be eliminated: finite, positive definite, with a step in time.
 
-        `dt_s` (N,) is ignored at births. The rows are judged apart, so that one bad track does not
-        cost the others their frame.
+        `dt_s` (N,) is ignored at births. Each row is checked by itself, so that one bad track does
+        not affect the others.
         """
-        position = np.isfinite(self.position_m).all(axis=1) & definite(self.position_covariance_m2)
+        position = np.isfinite(self.position_m).all(axis=1)
+        position &= is_covariance_2x2(self.position_covariance_m2)
         velocity = np.isfinite(self.velocity_mps).all(axis=1)
-        velocity &= definite(self.velocity_covariance_m2ps2)
+        velocity &= is_covariance_2x2(self.velocity_covariance_m2ps2)
         step = self.birth | ((dt_s >= MIN_STEP_S) & (dt_s <= MAX_STEP_S))
         weight = ((self.weight > 0.0) & (self.weight <= 1.0)).all(axis=1)
-        usable: Mask = position & (velocity | ~self.has_velocity) & step & weight
-        return usable
-
-
-def definite(covariance: F64) -> Mask:
-    """(N,) 2 x 2 matrices that are finite, symmetric, positive definite and of sane magnitude."""
-    xx, yy, xy = covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 0, 1]
-    with np.errstate(all="ignore"):
-        sane = (xx > 1e-12) & (yy > 1e-12) & (xx < 1e12) & (yy < 1e12)
-        symmetric = np.abs(xy - covariance[:, 1, 0]) <= 1e-9 * np.sqrt(np.abs(xx * yy))
-        return sane & symmetric & (xx * yy - xy**2 > 1e-12 * xx * yy)
+        return position & (velocity | ~self.has_velocity) & step & weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,40 +123,80 @@ class WhitenedRows:
     """(N,) the first node of its track."""
 
     def select(self, rows: NDArray[Any]) -> WhitenedRows:
-        """The nodes that a mask or an index picks."""
+        """Return the nodes that a mask or an index picks."""
         return WhitenedRows(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
-def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, noise: MotionNoise) -> WhitenedRows:
+def whiten(batch: NodeBatch, anchor_m: F64, dt_s: F64, model: MotionModelConfig) -> WhitenedRows:
     """Whiten the factors of `batch`; positions are taken relative to `anchor_m` (N, 2)."""
     count = len(batch)
     previous, current = np.zeros((count, 10, 6)), np.zeros((count, 10, 6))
     target = np.zeros((count, 10))
-    # most tracks were last seen in the same frame: few steps are different
+    # most tracks were last seen in the same frame: few steps differ. Births ignore theirs (0.1 s)
     step_s, which = np.unique(np.where(batch.birth, 0.1, dt_s), return_inverse=True)
-    root = square_root_information(process_noise(step_s, noise))
+    root = np.linalg.inv(np.linalg.cholesky(process_noise(step_s, model)))
     previous[:, :6] = (-root @ transition(step_s))[which]
     current[:, :6] = root[which]
     previous[batch.birth] = 0.0
-    current[batch.birth, :6] = birth_prior(noise)
-    root = planar_root_information(batch.position_covariance_m2)
+    current[batch.birth, :6] = _birth_prior(model)
+    root = root_information_2x2(batch.position_covariance_m2)
     root *= np.sqrt(batch.weight[:, 0])[:, None, None]
     current[:, 6:8, 0:2] = root
     target[:, 6:8] = (root @ (batch.position_m - anchor_m)[:, :, None])[:, :, 0]
     seen = batch.has_velocity
-    root = planar_root_information(batch.velocity_covariance_m2ps2[seen])
+    root = root_information_2x2(batch.velocity_covariance_m2ps2[seen])
     root *= np.sqrt(batch.weight[seen, 1])[:, None, None]
     current[seen, 8:10, 2:4] = root
     target[seen, 8:10] = (root @ batch.velocity_mps[seen][:, :, None])[:, :, 0]
     return WhitenedRows(previous, current, target, np.where(seen, 10, 8), batch.birth)
 
 
-def birth_prior(noise: MotionNoise) -> F64:
-    """(6, 6) prior rows of a new track: velocity and acceleration about zero, two empty rows.
+def _birth_prior(model: MotionModelConfig) -> F64:
+    """Return (6, 6) prior rows of a new track: velocity and acceleration about 0, two empty rows.
 
     Without them one position leaves velocity and acceleration undetermined.
     """
     rows = np.zeros((6, 6))
-    rows[range(2), range(2, 4)] = 1.0 / noise.birth_speed_sigma_mps
-    rows[range(2, 4), range(4, 6)] = 1.0 / noise.birth_acceleration_sigma_mps2
+    rows[range(2), range(2, 4)] = 1.0 / model.birth_speed_sigma_mps
+    rows[range(2, 4), range(4, 6)] = 1.0 / model.birth_acceleration_sigma_mps2
     return rows
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Positions' noise and velocities of M objects."""
+
+    position_covariance_m2: F64
+    """(M, 2, 2)."""
+    velocity_mps: F64
+    """(M, 2)."""
+    velocity_covariance_m2ps2: F64
+    """(M, 2, 2)."""
+    has_velocity: Mask
+    """(M,)."""
+    usable: Mask
+    """(M,) objects whose position can be a measurement."""
+
+    def with_velocity(self, rows: I64, mean: F64, covariance: F64) -> Measurements:
+        """Return the same with the velocities of some rows (n,) replaced."""
+        velocity, spread = self.velocity_mps.copy(), self.velocity_covariance_m2ps2.copy()
+        has = self.has_velocity.copy()
+        velocity[rows], spread[rows], has[rows] = mean, covariance, True
+        return Measurements(self.position_covariance_m2, velocity, spread, has, self.usable)
+
+
+def measurements_of(objects: Objects, config: MeasurementConfig) -> Measurements:
+    """Return the measurements of M objects; noise that an object lacks comes from the settings."""
+    count = len(objects)
+    position = objects.position_covariance_m2
+    if position is None:
+        position = np.tile(config.position_sigma_m**2 * np.eye(2), (count, 1, 1))
+    velocity, spread = np.zeros((count, 2)), np.tile(np.eye(2), (count, 1, 1))
+    has = np.zeros(count, np.bool_)
+    if objects.velocity is not None and config.use_velocity:
+        floor = config.velocity_floor_mps**2 * np.eye(2)
+        has = objects.velocity.valid.copy()
+        velocity[has] = objects.velocity.mean_mps[has]
+        spread[has] = objects.velocity.covariance_m2ps2[has] + floor
+        has &= is_covariance_2x2(spread)
+    return Measurements(position, velocity, spread, has, is_covariance_2x2(position))

@@ -1,4 +1,4 @@
-"""Windows of all tracks as arrays: a ring of nodes for each slot."""
+"""Windows of all tracks as arrays: a ring buffer of nodes per slot."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.trackers.fixed_lag.nodes import MEASUREMENT, NodeBatch
+from mottrack.trackers.fixed_lag.nodes import NODE_FIELDS, NodeBatch
 
 Layout = Mapping[str, tuple[Any, tuple[int, ...]]]
-"""Type and shape of what is kept of each node, by name."""
+"""Type and shape of each stored field of a node, by name."""
 
 _OWN: Layout = {"stamp_ns": (np.int64, ()), "dt_s": (np.float64, ())}
 
 
 class NodeStore:
-    """The nodes of every track's window, and what an engine keeps beside them.
+    """The nodes of every track's window, with the fields that an engine adds.
 
-    `store["name"]` is an array (S, K, ...) with a row a slot and a column a node; the columns of a
-    slot are a ring. Rows and columns are added as they are needed.
+    `store["name"]` is an array (S, K, ...) with a row per slot and a column per node; the columns
+    of a slot are a ring buffer. Rows and columns are added as they are needed.
     """
 
     def __init__(self, extra: Layout) -> None:
-        self._layout = {**_OWN, **MEASUREMENT, **extra}
+        self._layout = {**_OWN, **NODE_FIELDS, **extra}
+        # columns at the start; doubled when a window needs more
         self._arrays = self._fresh(0, 8)
         self._first = np.zeros(0, np.int64)
         self.count = np.zeros(0, np.int64)
@@ -42,13 +43,13 @@ class NodeStore:
         return int(self["stamp_ns"].shape[1])
 
     def live(self, slots: I64) -> Mask:
-        """(N,) whether each slot has a window."""
+        """Return whether each slot (N,) has a window."""
         known = slots < len(self.count)
         known[known] = self.count[slots[known]] > 0
         return known
 
     def reserve(self, slots: I64) -> None:
-        """Makes room for one more node in each of these slots (N,)."""
+        """Make room for one more node in each of these slots (N,)."""
         have, nodes = len(self.count), self._nodes
         rows = max(int(slots.max(initial=-1)) + 1, have)
         full = len(slots) > 0 and rows == have and int(self.count[slots].max()) >= nodes
@@ -65,24 +66,24 @@ class NodeStore:
         self.reserve(slots)
 
     def at(self, slots: I64, number: I64 | int) -> I64:
-        """Column of node `number` of each slot's window, 0 for the oldest."""
-        return np.asarray((self._first[slots] + number) % self._nodes)
+        """Return the column of node `number` of each slot's window, 0 for the oldest."""
+        return (self._first[slots] + number) % self._nodes
 
     def before(self, column: I64) -> I64:
-        """Column before each of these."""
-        return np.asarray((column - 1) % self._nodes)
+        """Return the column before each of these."""
+        return (column - 1) % self._nodes
 
     def append(self, batch: NodeBatch, dt_s: F64) -> None:
-        """Adds a node to each slot of a batch, for which there is room."""
+        """Add a node to each slot of a batch, for which there is room."""
         column = self.at(batch.slot, self.count[batch.slot])
-        for name in MEASUREMENT:
+        for name in NODE_FIELDS:
             self[name][batch.slot, column] = getattr(batch, name)
         self["stamp_ns"][batch.slot, column] = batch.stamp_ns
         self["dt_s"][batch.slot, column] = dt_s
         self.count[batch.slot] += 1
 
     def drop_before(self, slots: I64, oldest_ns: int) -> None:
-        """Takes nodes older than `oldest_ns` out of windows that have newer ones."""
+        """Remove nodes older than `oldest_ns` from windows that have newer ones."""
         while len(slots):
             old = self["stamp_ns"][slots, self.at(slots, 0)] < oldest_ns
             slots = slots[old]
@@ -90,18 +91,18 @@ class NodeStore:
             self.count[slots] -= 1
 
     def clear(self, slot: int) -> None:
-        """Frees a slot."""
+        """Free a slot."""
         self.count[slot] = 0
 
     def fields(self, slots: I64, columns: I64) -> dict[str, Any]:
-        """What was measured at these nodes (N,), by name."""
-        return {name: self[name][slots, columns] for name in MEASUREMENT}
+        """Return the fields of `NodeBatch` at these nodes (N,), by name."""
+        return {name: self[name][slots, columns] for name in NODE_FIELDS}
 
     def rows(self, slots: I64) -> dict[str, NDArray[Any]]:
-        """Copies of all that is kept of these slots (N,)."""
+        """Return copies of all fields of these slots (N,)."""
         return {name: array[slots] for name, array in self._arrays.items()}
 
     def restore(self, slots: I64, rows: Mapping[str, NDArray[Any]]) -> None:
-        """Puts such copies back."""
+        """Put such copies back."""
         for name, array in self._arrays.items():
             array[slots] = rows[name]

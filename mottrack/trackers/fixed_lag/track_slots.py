@@ -1,4 +1,4 @@
-"""What is known of each track besides its motion state: identity, appearance, history."""
+"""Live tracks beside their motion state: identity, size, score, hull and history."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ _ROW = np.dtype(
         ("z_m", np.float64),
         ("reference_m", np.float64, 2),  # measured position, to which the hull belongs
         ("hits", np.int64),
+        ("velocity_known", np.bool_),  # measured, or seen at two stamps
+        ("extra_hits", np.int64),  # detections needed for output beyond `min_hits`
         ("seen_ns", np.int64),
-        ("held_ns", np.int64),  # since when part of a merged cluster; -1 where it is not
+        ("merged_ns", np.int64),  # since when part of a merged cluster; -1 where it is not
         ("split_ns", np.int64),  # since when seen in pieces; -1 where it is seen whole
     ]
 )
@@ -41,15 +43,15 @@ class TrackSlots:
         self._ids = 0
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """A column of the book by slot, (S, ...); rows of free slots mean nothing."""
+        """Return a column by slot, (S, ...); rows of free slots are undefined."""
         return self._rows[name]
 
     def slots(self) -> I64:
-        """(N,) slots of all live tracks, ascending."""
+        """Return the slots (N,) of all live tracks, ascending."""
         return np.flatnonzero(self._alive)
 
     def reserve(self, count: int) -> I64:
-        """(count,) free slots; those that get no entry must be handed back."""
+        """Return free slots (count,); those that get no track must be released."""
         missing = count - len(self._free)
         if missing > 0:
             have = len(self._rows)
@@ -59,18 +61,20 @@ class TrackSlots:
             self._hulls += [None] * missing
         return np.array([heapq.heappop(self._free) for _ in range(count)], np.int64)
 
-    def hand_back(self, slot: int) -> None:
-        """Ends a track, or gives up a reserved slot."""
+    def release(self, slot: int) -> None:
+        """Delete a track, or give up a reserved slot."""
         self._alive[slot] = False
         self._hulls[slot] = None
         heapq.heappush(self._free, slot)
 
-    def see(self, slots: I64, objects: Objects, rows: I64) -> None:
-        """Notes that the track in each slot (N,) was seen as an object; new slots begin tracks."""
+    def record(self, slots: I64, objects: Objects, rows: I64) -> None:
+        """Record that the track in each slot (N,) was seen as an object; new slots start tracks."""
         fresh = ~self._alive[slots]
         born = slots[fresh]
         self._rows["id"][born] = self._ids + 1 + np.arange(len(born))
         self._rows["hits"][born] = 0
+        self._rows["velocity_known"][born] = False
+        self._rows["extra_hits"][born] = 0
         self._rows["split_ns"][born] = -1
         self._ids += len(born)
         self._alive[slots] = True
@@ -83,7 +87,7 @@ class TrackSlots:
             "reference_m": objects.centre_m[rows, :2],
             "hits": self._rows["hits"][slots] + 1,
             "seen_ns": objects.stamp_ns,
-            "held_ns": -1,
+            "merged_ns": -1,
         }
         for name, value in seen.items():
             self._rows[name][slots] = value
@@ -91,18 +95,18 @@ class TrackSlots:
             self._hulls[slot] = None if objects.hull is None else objects.hull[row]
 
     def label_numbers(self, labels: Texts) -> I64:
-        """(M,) numbers of class names, as in the column "label"."""
+        """Return the numbers (M,) of class names, as in the column "label"."""
         names, which = np.unique(labels, return_inverse=True)
         numbers = [self._labels.setdefault(str(name), len(self._labels)) for name in names]
         return np.array(numbers, np.int64)[which]
 
     def labels(self, slots: I64) -> Texts:
-        """(N,) class names."""
-        names = np.array(list(self._labels), np.str_)
-        return np.asarray(names[self._rows["label"][slots]])
+        """Return the class names (N,)."""
+        numbers: I64 = self._rows["label"][slots]
+        return np.array(list(self._labels), np.str_)[numbers]
 
     def hulls_at(self, slots: I64, shift_m: F64) -> HullList | None:
-        """Last hulls, each moved by `shift_m` (N, 2); None where a track has none."""
+        """Return the last hulls, each moved by `shift_m` (N, 2); None where a track has none."""
         hulls = [self._hulls[slot] for slot in slots.tolist()]
         known = [hull for hull in hulls if hull is not None]
         if len(known) < len(hulls):

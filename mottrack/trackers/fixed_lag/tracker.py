@@ -7,28 +7,52 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.checks import as_stamp
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.velocity_errors import NO_OUTLIERS
-from mottrack.trackers.association import mahalanobis
+from mottrack.geometry.two_by_two import mahalanobis_2x2
 from mottrack.trackers.fixed_lag import merge_split
+from mottrack.trackers.fixed_lag.association import (
+    REFERENCE_STEP_S,
+    Matches,
+    PredictedTracks,
+    SeenObjects,
+    associate_clusters,
+)
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
-from mottrack.trackers.fixed_lag.engine import Belief, Engine, SmoothedWindow
-from mottrack.trackers.fixed_lag.matching import Matches, Predicted, Seen, match
-from mottrack.trackers.fixed_lag.measurement import Measured, measured
-from mottrack.trackers.fixed_lag.merge_split import Overlaps
-from mottrack.trackers.fixed_lag.nodes import NodeBatch
+from mottrack.trackers.fixed_lag.engine import Engine, Estimate, SmoothedWindow
+from mottrack.trackers.fixed_lag.merge_split import Group, HullList, Overlaps
+from mottrack.trackers.fixed_lag.nodes import Measurements, NodeBatch, measurements_of
 from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
+from mottrack.trackers.fixed_lag.robust import RobustWeights
 from mottrack.trackers.fixed_lag.track_slots import TrackSlots
 
 
-class _Known(NamedTuple):
-    """Live tracks at the new stamp, before its objects are looked at."""
+class _Predicted(NamedTuple):
+    """Live tracks (N) at the new stamp, before its objects are used."""
 
     slots: I64
-    belief: Belief
-    hulls: merge_split.HullList | None
+    estimate: Estimate
+    hulls: HullList | None
     """Predicted hulls; None where tracks have none."""
+
+
+class _Merged(NamedTuple):
+    """Tracks (N) and objects (M) that are left out of this step because clusters merged."""
+
+    tracks: Mask
+    objects: Mask
+
+
+class _Assigned(NamedTuple):
+    """What each object of a step is used for."""
+
+    matches: Matches
+    born: I64
+    """Rows of objects that start tracks."""
+    reassigned: dict[int, int]
+    """Of these, those that continue a lost track: row to slot."""
 
 
 class FixedLagTracker:
@@ -36,7 +60,7 @@ class FixedLagTracker:
 
     Every associated object adds a state (x, y, vx, vy, ax, ay) to its track's chain, linked by the
     constant-acceleration model, with a position factor and, where the flow measured one, a velocity
-    factor. Clusters (objects with hulls) may fall apart or run together; boxes work as well.
+    factor. Clusters (objects with hulls) may split or merge; boxes work as well.
     """
 
     Config = FixedLagConfig
@@ -44,15 +68,17 @@ class FixedLagTracker:
     def __init__(self, config: FixedLagConfig | None = None) -> None:
         self.config = config or FixedLagConfig()
         self._engine = make_engine(self.config)
-        self._huber = self.config.robust.huber()
-        self._book = TrackSlots()
+        self._robust = RobustWeights(self.config.robust, self.config.missed_motion)
+        self._tracks = TrackSlots()
         self._stamp_ns: int | None = None
+        self._step_s = 0.0
+        """Length of the present step, at most `max_age_s`: older tracks are deleted anyway."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
-        """Advances to `stamp_ns` with these objects (world frame).
+        """Advance to `stamp_ns` with these objects (world frame) and return the tracks.
 
-        An object that cannot be used (a covariance that is not definite, say) begins no track, and
-        its track coasts; the others are not touched.
+        An object that cannot be used (a covariance that is not positive definite, say) starts no
+        track, and its track coasts; the others are not affected.
 
         Raises:
             InputError: the stamp is not later than the last one, or the objects are not in the
@@ -60,137 +86,163 @@ class FixedLagTracker:
         """
         if objects.frame != "world":
             raise InputError("frame of objects", repr(objects.frame), "'world'")
+        stamp_ns = as_stamp("stamp_ns", stamp_ns)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
-            raise InputError("stamp_ns", stamp_ns, f"later than {self._stamp_ns}")
+            raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
+        if self._stamp_ns is not None:
+            max_age_s = self.config.track_management.max_age_s
+            self._step_s = min((stamp_ns - self._stamp_ns) * 1e-9, max_age_s)
         self._stamp_ns = stamp_ns
-        known = self._known(stamp_ns)
-        objects, pairs = self._without_fragments(known, objects)
-        measurements = measured(objects, self.config.measurement)
-        held = self._hold_merged(known, pairs, stamp_ns)
-        open_rows = np.nonzero(measurements.usable & ~held.objects)[0]
-        matches = self._match(known, held.tracks, objects, measurements, open_rows)
-        born = np.setdiff1d(open_rows, matches.object)
-        heirs = merge_split.parents(pairs, born, self.config.merge_split.inside_share)
-        measurements = self._inherit(known, heirs, measurements)
-        fresh = self._adopt(known, held.tracks, (matches, pairs), heirs)
-        seen = self._add_nodes(stamp_ns, known, objects, (matches, born, fresh, measurements))
+        predicted = self._predict(stamp_ns)
+        objects, pairs = self._join_fragments(predicted, objects)
+        measurements = measurements_of(objects, self.config.measurement)
+        merged = self._find_merged(predicted, pairs, stamp_ns)
+        free_rows = np.nonzero(measurements.usable & ~merged.objects)[0]
+        matches = self._associate(predicted, merged.tracks, objects, measurements, free_rows)
+        born = np.setdiff1d(free_rows, matches.object)
+        parents = merge_split.parents(pairs, born, self.config.merge_split.min_overlap)
+        measurements = self._propagate_velocity(predicted, parents, measurements)
+        lost = ~merged.tracks
+        lost[matches.track] = False
+        reassigned = self._reassign(predicted, lost, pairs, parents)
+        assigned = _Assigned(matches, born, reassigned)
+        seen = self._add_nodes(predicted, objects, assigned, measurements)
         error_model = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
-        self._huber.refine(self._engine, seen, error_model)
-        self._bury(stamp_ns)
+        self._robust.refine(self._engine, seen, error_model)
+        self._delete_unseen(stamp_ns)
         return self._published(stamp_ns, seen)
 
     def smoothed(self, track_id: int, covariance: bool = False) -> SmoothedWindow:
-        """All states of a live track's window, given all measurements so far.
+        """Return all states of a live track's window, given all measurements so far.
 
         Raises:
             InputError: no live track has that identity.
         """
-        slots = self._book.slots()
-        live = self._book["id"][slots]
+        slots = self._tracks.slots()
+        live = self._tracks["id"][slots]
         if track_id not in live:
             raise InputError("track_id", track_id, f"one of {sorted(live.tolist())}")
         return self._engine.smooth(int(slots[live == track_id][0]), covariance)
 
-    def _known(self, stamp_ns: int) -> _Known:
-        slots = self._book.slots()
-        belief = self._engine.predicted(slots, stamp_ns)
-        moved_m = belief.mean[:, :2] - self._book["reference_m"][slots]
-        return _Known(slots, belief, self._book.hulls_at(slots, moved_m))
+    def _predict(self, stamp_ns: int) -> _Predicted:
+        slots = self._tracks.slots()
+        estimate = self._engine.predicted(slots, stamp_ns)
+        moved_m = estimate.mean[:, :2] - self._tracks["reference_m"][slots]
+        return _Predicted(slots, estimate, self._tracks.hulls_at(slots, moved_m))
 
-    def _without_fragments(self, known: _Known, objects: Objects) -> tuple[Objects, Overlaps]:
-        """The objects with the pieces of one split object joined again, and their overlaps."""
+    def _join_fragments(self, predicted: _Predicted, objects: Objects) -> tuple[Objects, Overlaps]:
+        """Return the objects with the pieces of one split object joined, and their overlaps."""
         config = self.config.merge_split
-        if not config.enabled or known.hulls is None or objects.hull is None:
-            return objects, merge_split.no_overlaps(len(known.slots), len(objects))
-        pairs = merge_split.overlaps(known.hulls, merge_split.flat(objects.hull))
-        groups = self._recent(known, merge_split.fragments(pairs, config), objects.stamp_ns)
-        whole = merge_split.joined(objects, groups, pairs.track_area_m2, config.growth)
+        if not config.enabled or predicted.hulls is None or objects.hull is None:
+            return objects, merge_split.no_overlaps(len(predicted.slots), len(objects))
+        pairs = merge_split.overlaps(predicted.hulls, merge_split.flat(objects.hull))
+        fragments = merge_split.fragments(pairs, config)
+        groups = self._recently_split(predicted, fragments, objects.stamp_ns)
+        whole = merge_split.joined(objects, groups, pairs.track_area_m2, config.max_growth)
         if whole is not objects and whole.hull is not None:
-            pairs = merge_split.overlaps(known.hulls, merge_split.flat(whole.hull))
+            pairs = merge_split.overlaps(predicted.hulls, merge_split.flat(whole.hull))
         return whole, pairs
 
-    def _recent(
-        self, known: _Known, groups: list[tuple[int, I64]], stamp_ns: int
-    ) -> list[tuple[int, I64]]:
-        """Groups of pieces that have not been apart for too long: then they are two objects."""
-        split_ns = self._book["split_ns"]
-        apart = known.slots[[track for track, _ in groups]]
-        split_ns[np.setdiff1d(known.slots, apart)] = -1
+    def _recently_split(
+        self, predicted: _Predicted, groups: list[Group], stamp_ns: int
+    ) -> list[Group]:
+        """Return groups of pieces not separate for longer than tracks coast: then they are two."""
+        split_ns = self._tracks["split_ns"]
+        apart = predicted.slots[[group.owner for group in groups]]
+        split_ns[np.setdiff1d(predicted.slots, apart)] = -1
         split_ns[apart] = np.where(split_ns[apart] < 0, stamp_ns, split_ns[apart])
         since_ns = stamp_ns - split_ns[apart]
-        recent = since_ns <= self.config.merge_split.hold_s * 1e9
+        recent = since_ns <= self.config.merge_split.max_coast_s * 1e9
         return [group for group, kept in zip(groups, recent, strict=True) if kept]
 
-    def _hold_merged(self, known: _Known, pairs: Overlaps, stamp_ns: int) -> _Held:
-        """Lets tracks coast that share one merged cluster, for a limited time."""
+    def _find_merged(self, predicted: _Predicted, pairs: Overlaps, stamp_ns: int) -> _Merged:
+        """Let tracks coast that share one merged cluster, for a limited time."""
         config = self.config.merge_split
-        held = _Held(
+        found = _Merged(
             np.zeros(len(pairs.track_area_m2), np.bool_),
             np.zeros(len(pairs.object_area_m2), np.bool_),
         )
         for row, tracks in merge_split.merged(pairs, config):
-            slots = known.slots[tracks]
-            grown = slots[self._book["hits"][slots] >= self.config.life.min_hits]
-            held_ns = self._book["held_ns"][grown]
-            since_ns = np.where(held_ns >= 0, held_ns, stamp_ns)
-            if len(grown) < 2 or stamp_ns - since_ns.min() > config.hold_s * 1e9:
+            slots = predicted.slots[tracks]
+            confirmed = slots[self._tracks["hits"][slots] >= self.config.track_management.min_hits]
+            merged_ns = self._tracks["merged_ns"][confirmed]
+            since_ns = np.where(merged_ns >= 0, merged_ns, stamp_ns)
+            if len(confirmed) < 2 or stamp_ns - since_ns.min() > config.max_coast_s * 1e9:
                 continue
-            self._book["held_ns"][grown] = since_ns
-            held.objects[row] = True
-            held.tracks[tracks] = True
-        return held
+            self._tracks["merged_ns"][confirmed] = since_ns
+            found.objects[row] = True
+            found.tracks[tracks] = True
+        return found
 
-    def _match(
+    def _associate(
         self,
-        known: _Known,
-        held: Mask,
+        predicted: _Predicted,
+        merged: Mask,
         objects: Objects,
-        measurements: Measured,
+        measurements: Measurements,
         rows: I64,
     ) -> Matches:
-        free = np.nonzero(~held)[0]
-        slots = known.slots[free]
-        tracks = Predicted(
-            Belief(known.belief.mean[free], known.belief.covariance[free]),
-            self._book["label"][slots],
-            self._slack_m2(slots, objects.stamp_ns),
+        free = np.nonzero(~merged)[0]
+        slots = predicted.slots[free]
+        tracks = PredictedTracks(
+            Estimate(predicted.estimate.mean[free], predicted.estimate.covariance[free]),
+            self._tracks["label"][slots],
+            self._inflation_m2(slots, objects.stamp_ns),
+            self._scale(slots, measurements),
         )
-        seen = Seen(
+        seen = SeenObjects(
             objects.centre_m[rows, :2],
-            self._book.label_numbers(objects.label)[rows],
+            self._tracks.label_numbers(objects.label)[rows],
             measurements.position_covariance_m2[rows],
         )
-        found = match(tracks, seen, self.config.association)
+        found = associate_clusters(tracks, seen, self.config.association)
         return found._replace(track=free[found.track], object=rows[found.object])
 
-    def _slack_m2(self, slots: I64, stamp_ns: int) -> F64:
-        """(N,) how far young tracks may have gone if the flow that they began with was wrong."""
-        young = self._book["hits"][slots] < self.config.association.young_hits
-        dt_s = (stamp_ns - self._book["seen_ns"][slots]) * 1e-9
+    def _inflation_m2(self, slots: I64, stamp_ns: int) -> F64:
+        """Return the variance (N,) of young tracks' positions if their velocity was an outlier."""
+        young = self._tracks["hits"][slots] < self.config.association.young_hits
+        dt_s = (stamp_ns - self._tracks["seen_ns"][slots]) * 1e-9
         reach_m = self.config.motion.birth_speed_sigma_mps * dt_s
         return np.where(young, reach_m**2, 0.0)
 
+    def _scale(self, slots: I64, measurements: Measurements) -> F64:
+        """Return the step over `REFERENCE_STEP_S` for tracks (N,) of unknown velocity; else 1.
+
+        Where the objects come with velocities, those are the better way to find a track again. An
+        association over such a long step is uncertain: the track needs another hit for output.
+        """
+        scale = max(self._step_s / REFERENCE_STEP_S, 1.0)
+        if scale == 1.0 or measurements.has_velocity.any():
+            return np.ones(len(slots))
+        unknown = ~self._tracks["velocity_known"][slots]
+        self._tracks["extra_hits"][slots[unknown]] = 1
+        return np.where(unknown, scale, 1.0)
+
     def _add_nodes(
         self,
-        stamp_ns: int,
-        known: _Known,
+        predicted: _Predicted,
         objects: Objects,
-        outcome: tuple[Matches, I64, dict[int, int], Measured],
+        assigned: _Assigned,
+        measurements: Measurements,
     ) -> I64:
-        """One new state for every match and birth; returns the slots of those that were taken."""
-        matches, born, adopted, measurements = outcome
-        fresh = self._book.reserve(len(born) - len(adopted))
-        born = np.concatenate([np.setdiff1d(born, list(adopted)), list(adopted)]).astype(np.int64)
-        rows = np.concatenate([matches.object, born])
-        heirs = np.array(list(adopted.values()), np.int64)
-        slots = np.concatenate([known.slots[matches.track], fresh, heirs])
+        """Add one state for every match and birth; return the slots of those that were usable."""
+        matches, reassigned = assigned.matches, assigned.reassigned
+        new = np.setdiff1d(assigned.born, list(reassigned))
+        rows = np.concatenate([matches.object, new, np.array(list(reassigned), np.int64)])
+        slots = np.concatenate(
+            [
+                predicted.slots[matches.track],
+                self._tracks.reserve(len(new)),
+                np.array(list(reassigned.values()), np.int64),
+            ]
+        )
         birth = np.arange(len(rows)) >= len(matches.object)
         innovation = np.zeros((len(rows), 2))
         innovation[~birth, 0] = matches.distance
-        surprise = _velocity_innovation(known.belief, matches, measurements)
-        innovation[~birth, 1] = np.maximum(surprise, matches.doubt)
+        velocity_distance = _velocity_innovation(predicted.estimate, matches, measurements)
+        innovation[~birth, 1] = np.maximum(velocity_distance, matches.outlier_distance)
         batch = NodeBatch(
-            stamp_ns=stamp_ns,
+            stamp_ns=objects.stamp_ns,
             slot=slots,
             birth=birth,
             position_m=objects.centre_m[rows, :2],
@@ -199,120 +251,113 @@ class FixedLagTracker:
             velocity_covariance_m2ps2=measurements.velocity_covariance_m2ps2[rows],
             has_velocity=measurements.has_velocity[rows],
             extent_m=np.hypot(objects.size_m[rows, 0], objects.size_m[rows, 1]),
-            weight=self._huber.weights(innovation),
+            weight=self._robust.weights(innovation),
             innovation=innovation,
         )
-        taken = self._engine.step(batch)
-        for slot in slots[~taken & birth].tolist():
-            self._book.hand_back(slot)
-        self._book.see(slots[taken], objects, rows[taken])
-        return slots[taken]
+        used = self._engine.step(batch)
+        for slot in slots[~used & birth].tolist():
+            self._tracks.release(slot)
+        self._tracks.record(slots[used], objects, rows[used])
+        measured = measurements.has_velocity[rows] | ~birth
+        self._tracks["velocity_known"][slots[used]] |= measured[used]
+        return slots[used]
 
-    def _inherit(self, known: _Known, heirs: dict[int, int], measurements: Measured) -> Measured:
-        """Measurements in which pieces of a track without flow get that track's velocity."""
-        rows = np.array([row for row in heirs if not measurements.has_velocity[row]], np.int64)
-        tracks = np.array([heirs[row] for row in rows.tolist()], np.int64)
-        own = known.belief.covariance[tracks, 2:4, 2:4]
-        spread = own + self.config.merge_split.heir_sigma_mps**2 * np.eye(2)
-        return measurements.with_velocity(rows, known.belief.mean[tracks, 2:4], spread)
+    def _propagate_velocity(
+        self, predicted: _Predicted, parents: dict[int, int], measurements: Measurements
+    ) -> Measurements:
+        """Return measurements in which split children without flow have their parent's velocity."""
+        rows = np.array([row for row in parents if not measurements.has_velocity[row]], np.int64)
+        tracks = np.array([parents[row] for row in rows.tolist()], np.int64)
+        own = predicted.estimate.covariance[tracks, 2:4, 2:4]
+        spread = own + self.config.merge_split.child_velocity_sigma_mps**2 * np.eye(2)
+        return measurements.with_velocity(rows, predicted.estimate.mean[tracks, 2:4], spread)
 
-    def _adopt(
-        self,
-        known: _Known,
-        held: Mask,
-        found: tuple[Matches, Overlaps],
-        heirs: dict[int, int],
+    def _reassign(
+        self, predicted: _Predicted, lost: Mask, pairs: Overlaps, parents: dict[int, int]
     ) -> dict[int, int]:
-        """Pieces that carry on a track whose own object is gone: row to slot, with a new chain.
+        """Return split children that continue a lost track with a new chain: row to slot.
 
-        Such a piece lies beyond the gate because the reference point jumped, not the object.
+        Such a piece lies beyond the gate because its centre jumped, not because the object moved.
         """
-        matches, pairs = found
-        lost = ~held
-        lost[matches.track] = False
         largest: dict[int, tuple[float, int]] = {}
-        for row, track in heirs.items():
-            hits = self._book["hits"][known.slots[track]]
-            if lost[track] and hits >= self.config.life.min_hits:
+        for row, track in parents.items():
+            hits = self._tracks["hits"][predicted.slots[track]]
+            if lost[track] and hits >= self.config.track_management.min_hits:
                 candidate = (float(pairs.object_area_m2[row]), row)
                 largest[track] = max(largest.get(track, candidate), candidate)
-        adopted = {row: int(known.slots[track]) for track, (_, row) in largest.items()}
-        for slot in adopted.values():
+        found = {row: int(predicted.slots[track]) for track, (_, row) in largest.items()}
+        for slot in found.values():
             self._engine.release(slot)
-        return adopted
+        return found
 
-    def _bury(self, stamp_ns: int) -> None:
-        """Ends tracks that were not seen for too long; merged ones have their own limit."""
-        slots, hold_s = self._book.slots(), self.config.merge_split.hold_s
-        held = self._book["held_ns"][slots] >= 0
-        limit_s = self.config.life.max_age_s + np.where(held, hold_s, 0.0)
-        unseen_ns = stamp_ns - self._book["seen_ns"][slots]
+    def _delete_unseen(self, stamp_ns: int) -> None:
+        """Delete tracks that were not seen for too long; merged ones coast for longer."""
+        slots = self._tracks.slots()
+        merged = self._tracks["merged_ns"][slots] >= 0
+        extra_s = np.where(merged, self.config.merge_split.max_coast_s, 0.0)
+        limit_s = self.config.track_management.max_age_s + extra_s
+        unseen_ns = stamp_ns - self._tracks["seen_ns"][slots]
         for slot in slots[unseen_ns > limit_s * 1e9].tolist():
             self._engine.release(slot)
-            self._book.hand_back(slot)
+            self._tracks.release(slot)
 
     def _published(self, stamp_ns: int, seen: I64) -> Tracks:
-        """Tracks with enough hits, at the stamp; coasting ones where the settings say so."""
-        book, life = self._book, self.config.life
-        slots = book.slots()
+        """Return tracks with enough hits at the stamp; coasting ones where the settings say so."""
+        tracks, management = self._tracks, self.config.track_management
+        slots = tracks.slots()
         observed = np.isin(slots, seen)
-        shown = (book["hits"][slots] >= life.min_hits) & (observed | life.publish_coasting)
-        slots, observed = slots[shown], observed[shown]
+        needed = management.min_hits + tracks["extra_hits"][slots]
+        is_published = tracks["hits"][slots] >= needed
+        is_published &= observed | management.publish_coasting
+        slots, observed = slots[is_published], observed[is_published]
         if len(slots) == 0:
             return Tracks.empty(stamp_ns, dimensions=6)
-        belief = self._engine.predicted(slots, stamp_ns)
-        moved_m = belief.mean[:, :2] - book["reference_m"][slots]
+        estimate = self._engine.predicted(slots, stamp_ns)
+        moved_m = estimate.mean[:, :2] - tracks["reference_m"][slots]
         # a hull just measured stays where it was measured
-        hulls = book.hulls_at(slots, np.where(observed[:, None], 0.0, moved_m))
+        hulls = tracks.hulls_at(slots, np.where(observed[:, None], 0.0, moved_m))
         return Tracks(
             stamp_ns=stamp_ns,
             frame="world",
-            centre_m=np.column_stack([belief.mean[:, :2], book["z_m"][slots]]),
-            size_m=book["size_m"][slots],
-            yaw_rad=book["yaw_rad"][slots],
-            label=book.labels(slots),
-            id=book["id"][slots],
-            score=book["score"][slots],
-            velocity_mps=belief.mean[:, 2:4],
-            velocity_covariance_m2ps2=belief.covariance[:, 2:4, 2:4],
-            state=belief.mean,
-            covariance=belief.covariance,
+            centre_m=np.column_stack([estimate.mean[:, :2], tracks["z_m"][slots]]),
+            size_m=tracks["size_m"][slots],
+            yaw_rad=tracks["yaw_rad"][slots],
+            label=tracks.labels(slots),
+            id=tracks["id"][slots],
+            score=tracks["score"][slots],
+            velocity_mps=estimate.mean[:, 2:4],
+            velocity_covariance_m2ps2=estimate.covariance[:, 2:4, 2:4],
+            state=estimate.mean,
+            covariance=estimate.covariance,
             observed=observed,
             hull=None if hulls is None else hulls.polygons(),
         )
 
 
-def _velocity_innovation(belief: Belief, matches: Matches, measurements: Measured) -> F64:
-    """(P,) normalised distance of measured from predicted velocity; 0 where none was measured."""
+def _velocity_innovation(estimate: Estimate, matches: Matches, measurements: Measurements) -> F64:
+    """Return the normalised innovation (P,) of the velocity; 0 where none was measured."""
     seen = measurements.has_velocity[matches.object]
     rows, tracks = matches.object[seen], matches.track[seen]
-    off = measurements.velocity_mps[rows] - belief.mean[tracks, 2:4]
-    spread = belief.covariance[tracks, 2:4, 2:4] + measurements.velocity_covariance_m2ps2[rows]
+    off = measurements.velocity_mps[rows] - estimate.mean[tracks, 2:4]
+    spread = estimate.covariance[tracks, 2:4, 2:4] + measurements.velocity_covariance_m2ps2[rows]
     distance = np.zeros(len(seen))
-    distance[seen] = mahalanobis(off, spread)
+    distance[seen] = mahalanobis_2x2(off, spread)
     return distance
 
 
-class _Held(NamedTuple):
-    """Who sits out this frame because clusters ran together."""
-
-    tracks: Mask
-    objects: Mask
-
-
 def make_engine(config: FixedLagConfig) -> Engine:
-    """The engine that a configuration names.
+    """Return the engine that a configuration names.
 
     Raises:
         ConfigError: GTSAM is asked for where it is not installed (there is none for Windows).
     """
-    noise, lag_ns = config.motion.noise(), round(config.lag_s * 1e9)
+    lag_ns = round(config.lag_s * 1e9)
     if config.engine == "numpy":
-        return NumpyEngine(noise, lag_ns)
+        return NumpyEngine(config.motion, lag_ns)
     try:
         from mottrack.trackers.fixed_lag.gtsam_engine import GtsamEngine
     except ImportError as missing:
         raise ConfigError(
             f"engine 'gtsam': {missing}; install gtsam or use engine=numpy"
         ) from missing
-    return GtsamEngine(noise, lag_ns, config.separate_factors)
+    return GtsamEngine(config.motion, lag_ns, config.separate_factors)

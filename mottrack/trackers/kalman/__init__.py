@@ -1,4 +1,4 @@
-"""The Kalman tracker: detections and measured velocities in, tracks out."""
+"""The Kalman tracker on detections, with measured velocities."""
 
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.tracker import KalmanTracker

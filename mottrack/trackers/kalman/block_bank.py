@@ -1,36 +1,47 @@
-"""All tracks as one closed-form filter: constant velocity, block-diagonal covariance.
+"""All tracks as one closed-form filter with a block-diagonal covariance, compiled.
 
 Constant velocity couples only (position, rate) pairs, and only full covariances of position or
 velocity couple x with y. So the 11-D filter is a 4x4 block of (x, y, d_x, d_y), two 2x2 blocks of
 z and yaw with their rates, and three scalars l, w, h: no inverse beyond 2x2. Where every
-covariance is diagonal, what lies between x and y in the 4x4 block stays exactly zero.
+covariance is diagonal, the terms between x and y in the 4x4 block stay exactly zero.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
-from mottrack.trackers.kalman.block_kernels import Blocks, advance, correct_axes, correct_planar
-from mottrack.trackers.kalman.noise_model import pair_growth
-from mottrack.trackers.kalman.state import BOX_SIZE, CV_SIZE, SIZE, SMALLEST_SIZE_M, YAW
+from mottrack.geometry.two_by_two import row_times_inverse
+from mottrack.trackers.kalman.noise import PairGrowth, pair_growth
+from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, STATE_SIZE, YAW
+
+
+class Blocks(NamedTuple):
+    """State of N tracks; the kernels write to it in place."""
+
+    mean: F64
+    """(N, 11)"""
+    planar: F64
+    """(N, 4, 4) covariance of (x, y, d_x, d_y)."""
+    variance: F64
+    """(N, 5) of z, yaw, l, w, h."""
+    cross: F64
+    """(N, 2) covariance of z and yaw with their rates."""
+    rate: F64
+    """(N, 2) variances of these rates."""
 
 
 class BlockBank:
     """N constant-velocity filters; `wiener` chooses the process noise (`pair_growth`)."""
 
-    size = CV_SIZE
-
     def __init__(self, *, wiener: bool) -> None:
         self._wiener = wiener
-        self._blocks: Blocks = (
-            np.empty((0, CV_SIZE)),
-            np.empty((0, 4, 4)),
-            np.empty((0, 5)),
-            np.empty((0, 2)),
-            np.empty((0, 2)),
-        )
+        shapes = ((0, STATE_SIZE), (0, 4, 4), (0, 5), (0, 2), (0, 2))
+        self._blocks = Blocks(*(np.empty(shape) for shape in shapes))
 
     def __len__(self) -> int:
         return len(self.mean)
@@ -38,73 +49,158 @@ class BlockBank:
     @property
     def mean(self) -> F64:
         """(N, 11) states."""
-        return self._blocks[0]
+        return self._blocks.mean
 
     @property
     def covariance(self) -> F64:
         """(N, 11, 11) covariances, laid out in full."""
-        _, planar, variance, cross, rate = self._blocks
-        full = np.zeros((len(self), CV_SIZE, CV_SIZE))
-        full[:, :2, :2], full[:, :2, 7:9] = planar[:, :2, :2], planar[:, :2, 2:]
-        full[:, 7:9, :2], full[:, 7:9, 7:9] = planar[:, 2:, :2], planar[:, 2:, 2:]
-        axis, turning = np.arange(2, BOX_SIZE), np.arange(2, 4)
-        full[:, axis, axis] = variance
-        full[:, turning, turning + 7] = full[:, turning + 7, turning] = cross
-        full[:, turning + 7, turning + 7] = rate
+        blocks = self._blocks
+        full = np.zeros((len(self), STATE_SIZE, STATE_SIZE))
+        full[:, :2, :2], full[:, :2, 7:9] = blocks.planar[:, :2, :2], blocks.planar[:, :2, 2:]
+        full[:, 7:9, :2], full[:, 7:9, 7:9] = blocks.planar[:, 2:, :2], blocks.planar[:, 2:, 2:]
+        axis, z_yaw = np.arange(2, BOX_SIZE), np.arange(2, 4)
+        full[:, axis, axis] = blocks.variance
+        full[:, z_yaw, z_yaw + 7] = full[:, z_yaw + 7, z_yaw] = blocks.cross
+        full[:, z_yaw + 7, z_yaw + 7] = blocks.rate
         return full
 
-    def planar_covariance(self) -> F64:
-        """(N, 4, 4) covariance of (x, y, d_x, d_y)."""
-        return self._blocks[1]
+    def xy_velocity_covariance(self) -> F64:
+        """Return the covariances (N, 4, 4) of (x, y, d_x, d_y)."""
+        return self._blocks.planar
 
-    def axial_variance(self) -> F64:
-        """(N, 5) variances of z, yaw, l, w, h."""
-        return self._blocks[2]
+    def z_yaw_size_variance(self) -> F64:
+        """Return the variances (N, 5) of z, yaw, l, w, h."""
+        return self._blocks.variance
 
-    def append(self, mean: F64, variance: F64, velocity_covariance: F64, model: I64) -> None:
-        """Adds n tracks: mean (n, 11), variance (n, 11), velocity covariance (n, 2, 2).
-
-        `model` is of no consequence: every track here moves at constant velocity.
-        """
+    def append(self, mean: F64, variance: F64, velocity_covariance: F64) -> None:
+        """Add n tracks: mean and variance (n, 11), velocity covariance (n, 2, 2)."""
         planar = np.zeros((len(mean), 4, 4))
         planar[:, 0, 0], planar[:, 1, 1] = variance[:, 0], variance[:, 1]
         planar[:, 2:, 2:] = velocity_covariance
         new = (mean, planar, variance[:, 2:7], np.zeros((len(mean), 2)), variance[:, 9:11])
-        joined = [np.concatenate(pair) for pair in zip(self._blocks, new, strict=True)]
-        self._blocks = tuple(joined)  # type: ignore[assignment]
+        joined = (np.concatenate(pair) for pair in zip(self._blocks, new, strict=True))
+        self._blocks = Blocks(*joined)
 
     def keep(self, mask: Mask) -> None:
-        """Drops every track outside the mask (N,)."""
-        self._blocks = tuple(block[mask] for block in self._blocks)  # type: ignore[assignment]
+        """Drop every track outside the mask (N,)."""
+        self._blocks = Blocks(*(block[mask] for block in self._blocks))
 
     def predict(self, dt_s: F64, process: F64) -> None:
-        """Advances by x <- F x, P <- F P F' + Q over dt_s (N,), with process noise (N, 13)."""
+        """Advance by x <- F x, P <- F P F' + Q over dt_s (N,), with process noise (N, 11)."""
         growth = pair_growth(process, dt_s, self._wiener)
-        advance(self._blocks, dt_s, growth, process[:, 4:7] * dt_s[:, None])
+        _predict(self._blocks, dt_s, growth, process[:, 4:7] * dt_s[:, None])
         mean = self.mean
         mean[:, YAW] = wrap_angle(mean[:, YAW])
         np.maximum(mean[:, SIZE], SMALLEST_SIZE_M, out=mean[:, SIZE])
 
-    def turn(self, rows: I64) -> None:
-        """Turns the boxes of `rows` round by half a turn."""
+    def flip_heading(self, rows: I64) -> None:
+        """Add pi to the headings of `rows`."""
         self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW] + np.pi)
 
-    def update_box(self, rows: I64, residual: F64, position: F64, axial: F64) -> None:
-        """Corrects `rows` (n,) by box residuals (n, 7).
-
-        `position` (n, 2, 2) is the covariance of the observed x, y and `axial` (n, 5) are the
-        variances of z, yaw, l, w, h.
-        """
-        plane, rest = _plain(residual[:, :2]), _plain(residual[:, 2:])
-        correct_axes(self._blocks, rows, rest, _plain(axial))
-        correct_planar(self._blocks, rows, 0, plane, _plain(position))
+    def update_box(
+        self, rows: I64, residual: F64, xy_covariance: F64, z_yaw_size_variance: F64
+    ) -> None:
+        """Correct `rows` (n,) by box residuals (n, 7); see `Bank.update_box`."""
+        # the kernels are compiled for contiguous arrays alone
+        xy, rest = np.ascontiguousarray(residual[:, :2]), np.ascontiguousarray(residual[:, 2:])
+        _correct_axes(self._blocks, rows, rest, np.ascontiguousarray(z_yaw_size_variance))
+        _correct_planar(self._blocks, rows, 0, xy, np.ascontiguousarray(xy_covariance))
         self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW])
 
     def update_velocity(self, rows: I64, residual: F64, covariance: F64) -> None:
-        """Corrects `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
-        correct_planar(self._blocks, rows, 2, _plain(residual), _plain(covariance))
+        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
+        contiguous = np.ascontiguousarray(residual), np.ascontiguousarray(covariance)
+        _correct_planar(self._blocks, rows, 2, *contiguous)
 
 
-def _plain(array: F64) -> F64:
-    """In one piece of memory: the kernels are compiled for that alone."""
-    return np.ascontiguousarray(array)
+@compiled
+def _predict(blocks: Blocks, dt: F64, growth: PairGrowth, size_growth: F64) -> None:
+    """Predict over dt (N,): x <- F x, P <- F P F' + Q; `size_growth` (N, 3) is that of l, w, h."""
+    mean, planar, variance, cross, rate = blocks
+    by_position, by_both, by_rate = growth
+    for n in range(len(mean)):
+        t = dt[n]
+        for k in range(4):
+            mean[n, k] += t * mean[n, k + 7]
+        _predict_planar(planar[n], t)
+        for k in range(2):
+            planar[n, k, k] += by_position[n, k]
+            planar[n, k, k + 2] += by_both[n, k]
+            planar[n, k + 2, k] += by_both[n, k]
+            planar[n, k + 2, k + 2] += by_rate[n, k]
+            variance[n, k] += 2 * t * cross[n, k] + t * t * rate[n, k] + by_position[n, k + 2]
+            cross[n, k] += t * rate[n, k] + by_both[n, k + 2]
+            rate[n, k] += by_rate[n, k + 2]
+        for k in range(3):
+            variance[n, k + 2] += size_growth[n, k]
+
+
+@compiled
+def _predict_planar(p: F64, t: float) -> None:
+    """Write F P F' over p (4, 4) for F = [[I, t I], [0, I]]."""
+    for r in range(2):
+        for c in range(4):
+            p[r, c] += t * p[r + 2, c]
+    for r in range(4):
+        for c in range(2):
+            p[r, c] += t * p[r, c + 2]
+
+
+@compiled
+def _correct_axes(blocks: Blocks, rows: I64, residual: F64, noise: F64) -> None:
+    """Apply scalar updates to `rows` (n,): residuals and variances (n, 5) of z, yaw, l, w, h."""
+    mean, variance, cross, rate = blocks.mean, blocks.variance, blocks.cross, blocks.rate
+    for m in range(len(rows)):
+        n = rows[m]
+        for k in range(5):
+            total = variance[n, k] + noise[m, k]
+            gain = variance[n, k] / total
+            mean[n, k + 2] += gain * residual[m, k]
+            variance[n, k] = gain * noise[m, k]
+            if k < 2:
+                rate_gain = cross[n, k] / total
+                mean[n, k + 9] += rate_gain * residual[m, k]
+                rate[n, k] -= rate_gain * cross[n, k]
+                cross[n, k] *= 1 - gain
+
+
+@compiled
+def _correct_planar(blocks: Blocks, rows: I64, first: int, residual: F64, noise: F64) -> None:
+    """Apply Joseph updates P <- (I - K H) P (I - K H)' + K R K' to (x, y, d_x, d_y).
+
+    Observed are its two numbers from `first` on: residuals (n, 2), covariances (n, 2, 2).
+    """
+    mean, planar = blocks.mean, blocks.planar
+    gain, keep = np.empty((4, 2)), np.empty((4, 4))
+    work = np.empty((4, 4))
+    for m in range(len(rows)):
+        p = planar[rows[m]]
+        s = p[first : first + 2, first : first + 2] + noise[m]
+        for r in range(4):
+            gain[r, 0], gain[r, 1] = row_times_inverse(p[r, first : first + 2], s)
+            at = r if r < 2 else r + 5
+            mean[rows[m], at] += gain[r, 0] * residual[m, 0] + gain[r, 1] * residual[m, 1]
+            for c in range(4):
+                keep[r, c] = 1.0 if r == c else 0.0
+            keep[r, first] -= gain[r, 0]
+            keep[r, first + 1] -= gain[r, 1]
+        _joseph(p, keep, gain, noise[m], work)
+
+
+@compiled
+def _joseph(p: F64, keep: F64, gain: F64, noise: F64, work: F64) -> None:
+    """Write the corrected covariance over p (4, 4), exactly symmetric."""
+    for r in range(4):
+        for c in range(4):
+            total = 0.0
+            for k in range(4):
+                total += keep[r, k] * p[k, c]
+            work[r, c] = total
+    for r in range(4):
+        left = gain[r, 0] * noise[0, 0] + gain[r, 1] * noise[1, 0]
+        right = gain[r, 0] * noise[0, 1] + gain[r, 1] * noise[1, 1]
+        for c in range(r + 1):
+            total = left * gain[c, 0] + right * gain[c, 1]
+            for k in range(4):
+                total += work[r, k] * keep[c, k]
+            p[r, c] = p[c, r] = total

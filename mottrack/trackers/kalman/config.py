@@ -1,19 +1,15 @@
-"""Settings of the Kalman tracker. Every default says its unit; presets live in `presets`."""
+"""Settings of the Kalman tracker and their presets."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
-from mottrack.core.arrays import I64, Mask
-from mottrack.trackers.kalman.lifecycle import TrackManagementConfig
-from mottrack.trackers.kalman.presets import PRESETS
+from mottrack.trackers.kalman.track_management import TrackManagementConfig
 
-Motion = Literal["cv", "ca", "ctrv", "bicycle", "imm"]
-Variance = tuple[Annotated[float, Field(ge=0)], ...]
+Variance = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -23,24 +19,22 @@ class ClassNoise(StrictModel):
     observation: tuple[Positive, ...] = Field(
         min_length=7, max_length=7, description="R: variances of observed x, y, z, yaw, l, w, h"
     )
-    initial: Variance = Field(
+    initial: tuple[Variance, ...] = Field(
         min_length=11, max_length=11, description="P0: the same seven, then d_x, d_y, d_z, d_yaw"
     )
-    process: Variance = Field(
+    process: tuple[Variance, ...] = Field(
         min_length=11, max_length=11, description="Q per unit of time, in the order of P0"
     )
-    along_ratio: float = Field(
+    longitudinal_ratio: float = Field(
         1.0, ge=1.0, description="standard deviation of x, y along the heading over that across it"
     )
-    across_ratio: float = Field(
+    lateral_ratio: float = Field(
         1.0, gt=0, le=1, description="speed of a new track across its heading over that along it"
     )
-    initial_acceleration: float = Field(4.0, gt=0, description="P0 of a_x, a_y in (m/s^2)^2")
-    jerk: float = Field(1.0, gt=0, description="Q of a_x, a_y in (m/s^2)^2 per s")
 
 
 class NoiseConfig(StrictModel):
-    """Where the noise comes from."""
+    """Source of the noise parameters."""
 
     table: str = Field("default", description="built-in table: default or chiu2020-megvii")
     form: Literal["wiener", "diagonal"] = Field(
@@ -56,37 +50,37 @@ class VelocityConfig(StrictModel):
 
     use: bool = Field(True, description="observe velocities where they were measured")
     birth: Literal["update", "replace"] = Field(
-        "update", description="a new track weighs the velocity against P0, or takes it as it is"
+        "update", description="initial velocity: update P0 by the measurement, or replace P0 by it"
     )
     covariance: tuple[float, float, float] | None = Field(
         None, description="R_d as (xx, xy, yy) in (m/s)^2 for every measurement; none: its own"
     )
     floor_mps: float = Field(0.3, gt=0, description="standard deviation added in quadrature")
     relative: float | None = Field(
-        None, ge=0, description="and along the velocity this share of it; none: as its source says"
+        None, ge=0, description="share of the velocity added along it; none: the source's"
     )
     p_missed_motion: float | None = Field(
-        None, ge=0, lt=1, description="measured as if at rest; none: as its source says"
+        None, ge=0, lt=1, description="moving objects measured at rest; none: the source's"
     )
     p_outlier: float | None = Field(
-        None, ge=0, lt=1, description="another object's velocities; none: as their source says"
+        None, ge=0, lt=1, description="velocities of another object; none: the source's"
     )
-    rest_prior: float = Field(
-        0.05, ge=0, lt=1, description="probability that a track stands, before it was seen to"
+    p_static: float = Field(
+        0.05, ge=0, lt=1, description="prior probability that a track stands still"
     )
-    gross_mps: float = Field(5.0, gt=0, description="spread of those about standing still")
+    outlier_sigma_mps: float = Field(5.0, gt=0, description="spread of outliers about zero")
 
     @model_validator(mode="after")
-    def _some_are_sound(self) -> Self:
+    def _check_probabilities(self) -> Self:
         if (self.p_missed_motion or 0.0) + (self.p_outlier or 0.0) >= 1.0:
             raise ValueError(
                 f"p_missed_motion + p_outlier is {self.p_missed_motion} + {self.p_outlier}, "
-                "expected less than 1: some velocities are sound"
+                "expected less than 1: some velocities are correct"
             )
         return self
 
     @model_validator(mode="after")
-    def _covariance_is_one(self) -> Self:
+    def _check_covariance(self) -> Self:
         if self.covariance is not None:
             xx, xy, yy = self.covariance
             if not (xx > 0 and yy > 0 and xy * xy < xx * yy):
@@ -97,21 +91,22 @@ class VelocityConfig(StrictModel):
 
 
 class AssociationConfig(StrictModel):
-    """Which detection belongs to which track."""
+    """Association of detections with tracks."""
 
     metric: Literal["mahalanobis", "centre", "iou_bev", "iou_3d", "giou_bev", "giou_3d"] = Field(
         "mahalanobis", description="cost of a pair; overlaps cost 1 - overlap"
     )
-    components: Literal["box", "position", "planar"] = Field(
-        "box", description="what Mahalanobis compares: all seven, x y z, or x y"
+    components: Literal["box", "xyz", "xy"] = Field(
+        "box", description="what Mahalanobis compares: all seven numbers, x y z, or x y"
     )
-    stray_per_m2: float | None = Field(
+    clutter_density_per_m2: float | None = Field(
         None,
         gt=0,
-        description="density of new and false detections; a pair must be likelier than a stray",
+        description="density of new and false detections; a pair must be likelier than clutter",
     )
-    strays_per_m2: dict[str, Positive] = Field(
-        default_factory=dict, description="that density by class, where `stray_per_m2` is given"
+    class_clutter_density_per_m2: dict[str, Positive] = Field(
+        default_factory=dict,
+        description="that density by class, where `clutter_density_per_m2` is given",
     )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
     velocity_limit: float | None = Field(
@@ -130,7 +125,7 @@ class AssociationConfig(StrictModel):
 
 
 class SecondStageConfig(StrictModel):
-    """A second look at detections whose score was too low to start a track."""
+    """Second association stage for detections of a low score (ByteTrack)."""
 
     enabled: bool = Field(False, description="match weak detections to tracks left over")
     score: float = Field(0.3, description="detections below it wait for the second stage")
@@ -141,43 +136,9 @@ class NmsConfig(StrictModel):
     """Non-maximum suppression before tracking."""
 
     enabled: bool = Field(False, description="drop boxes that overlap a stronger one")
-    iou: float = Field(0.1, ge=0, le=1, description="BeV IoU above which the weaker one goes")
+    iou: float = Field(0.1, ge=0, le=1, description="BeV IoU above which the weaker one is dropped")
     class_aware: bool = Field(True, description="suppress within a class only")
     min_score: float | None = Field(None, description="drop weaker detections altogether")
-
-
-class MotionConfig(StrictModel):
-    """Motion model by class; `imm` follows several at once and weighs them."""
-
-    default: Motion = Field("cv", description="motion of classes not listed")
-    classes: dict[str, Motion] = Field(default_factory=dict, description="motion by class")
-    imm: tuple[Literal["cv", "ca", "ctrv", "bicycle"], ...] = Field(
-        ("cv", "ca", "ctrv"), min_length=2, description="the models that imm mixes"
-    )
-    switch_per_s: float = Field(0.2, gt=0, description="how often objects change their model")
-
-    def asked(self) -> tuple[str, ...]:
-        """The different motions asked for, sorted; indices of tracks' motions refer to it."""
-        return tuple(sorted({self.default, *self.classes.values()}))
-
-    def models(self) -> tuple[str, ...]:
-        """Every single model needed, sorted."""
-        asked = set(self.asked())
-        return tuple(sorted((asked - {"imm"}) | (set(self.imm) if "imm" in asked else set())))
-
-    def mixes(self) -> bool:
-        """Whether any class follows several models at once."""
-        return "imm" in self.asked()
-
-    def choices(self) -> Mask:
-        """Which models each of `asked` may follow, (asked, models)."""
-        allowed = [self.imm if motion == "imm" else (motion,) for motion in self.asked()]
-        return np.array([[model in some for model in self.models()] for some in allowed])
-
-    def index(self, labels: list[str]) -> I64:
-        """Position in `asked` of the motion of each class (C,)."""
-        asked = self.asked()
-        return np.array([asked.index(self.classes.get(c, self.default)) for c in labels], np.int64)
 
 
 class KalmanConfig(StrictModel):
@@ -186,29 +147,28 @@ class KalmanConfig(StrictModel):
     preset: str = Field("default", description="default, stanford_iprl_tri or pillarflow")
     time: Literal["seconds", "frames"] = Field("seconds", description="unit of time of the filter")
     frame_s: float = Field(0.5, gt=0, description="length of the first step where time is frames")
-    engine: Literal["auto", "block", "dense", "filterpy"] = Field(
-        "auto", description="auto: the closed block form where the motion models allow it"
+    engine: Literal["block", "filterpy"] = Field(
+        "block", description="block: closed form, compiled; filterpy: slow readable reference"
     )
     yaw: Literal["vote", "published"] = Field(
         "vote", description="how opposite headings are told apart (both compare modulo pi)"
     )
     smooth: bool = Field(
-        False, description="retrace tracks when the scene is over, gaps filled: for labels"
+        False, description="smooth finished tracks backwards and fill their gaps: for labels"
     )
     diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.nis`")
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
-    motion: MotionConfig = Field(default_factory=MotionConfig)
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
     velocity: VelocityConfig = Field(default_factory=VelocityConfig)
     association: AssociationConfig = Field(default_factory=AssociationConfig)
     second_stage: SecondStageConfig = Field(default_factory=SecondStageConfig)
     nms: NmsConfig = Field(default_factory=NmsConfig)
-    life: TrackManagementConfig = Field(default_factory=TrackManagementConfig)
+    track_management: TrackManagementConfig = Field(default_factory=TrackManagementConfig)
 
     @model_validator(mode="after")
-    def _can_smooth(self) -> Self:
-        if self.smooth and (self.time == "frames" or self.motion.mixes()):
-            raise ValueError("smooth needs time in seconds and single motion models, no imm")
+    def _check_smoothing(self) -> Self:
+        if self.smooth and self.time == "frames":
+            raise ValueError("smooth needs time in seconds, not frames")
         return self
 
     @model_validator(mode="before")
@@ -223,7 +183,7 @@ class KalmanConfig(StrictModel):
 
 
 def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """The nested mapping `base` with `changes` on top of it."""
+    """Return the nested mapping `base` with `changes` on top of it."""
     result = dict(base)
     for key, value in changes.items():
         if isinstance(value, StrictModel):
@@ -232,3 +192,46 @@ def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
         both = isinstance(old, dict) and isinstance(value, dict)
         result[key] = merged(old, value) if both else value  # type: ignore[arg-type]
     return result
+
+
+# settings of the released StanfordIPRL-TRI tracker (Chiu et al., 2020)
+_PUBLISHED: dict[str, Any] = {
+    "time": "frames",
+    "yaw": "published",
+    "drop_unknown": True,
+    "noise": {"table": "chiu2020-megvii", "form": "diagonal"},
+    "velocity": {"use": False},
+    "association": {"gate": 11.0, "float32": True},
+    "nms": {"enabled": False},
+    "track_management": {
+        "min_hits": 3,
+        "max_misses": 1,
+        "output_misses": 1,
+        "undetected_classes": "freeze",
+        "score": "last",
+    },
+}
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "default": {
+        "association": {
+            "components": "xy",
+            "gate": 5.0,
+            # road users of one class in a crowded street; vehicles need more room (docs/tracker.md)
+            "clutter_density_per_m2": 0.01,
+            "class_clutter_density_per_m2": dict.fromkeys(
+                ("car", "truck", "bus", "trailer"), 0.004
+            ),
+        },
+        "nms": {"enabled": True},
+        "track_management": {
+            "confirm_s": 0.25,
+            "max_coast_s": 1.5,
+            "output_coast_s": 0.6,
+            "coast_at_most_age": True,
+            "decay_per_s": 0.5,
+        },
+    },
+    "stanford_iprl_tri": _PUBLISHED,
+    "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"}},
+}

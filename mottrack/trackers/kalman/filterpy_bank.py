@@ -1,4 +1,4 @@
-"""The readable reference: one filterpy filter a track, constant velocity, column vectors."""
+"""Readable reference engine: one filterpy filter per track."""
 
 from __future__ import annotations
 
@@ -7,27 +7,25 @@ from filterpy.kalman import KalmanFilter
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
-from mottrack.trackers.kalman.noise_model import process_covariance
+from mottrack.trackers.kalman.noise import process_covariance
 from mottrack.trackers.kalman.state import (
     BOX_SIZE,
-    CV_SIZE,
-    MOVING,
-    PLANAR,
+    POSE,
     RATE,
     SIZE,
     SMALLEST_SIZE_M,
+    STATE_SIZE,
     VELOCITY,
+    XY_VELOCITY,
     YAW,
 )
 
-OBSERVE_BOX = np.eye(CV_SIZE)[:BOX_SIZE]
-OBSERVE_VELOCITY = np.eye(CV_SIZE)[VELOCITY]
+OBSERVE_BOX = np.eye(STATE_SIZE)[:BOX_SIZE]
+OBSERVE_VELOCITY = np.eye(STATE_SIZE)[VELOCITY]
 
 
 class FilterpyBank:
-    """Same interface and numbers as `BlockBank`, a Python object per track."""
-
-    size = CV_SIZE
+    """Same interface and numbers as `BlockBank`, with column vectors and dense matrices."""
 
     def __init__(self, *, wiener: bool) -> None:
         self._wiener = wiener
@@ -39,58 +37,61 @@ class FilterpyBank:
     @property
     def mean(self) -> F64:
         """(N, 11) states."""
-        return np.array([f.x[:, 0] for f in self._filters]).reshape(-1, CV_SIZE)
+        return np.array([f.x[:, 0] for f in self._filters]).reshape(-1, STATE_SIZE)
 
     @property
     def covariance(self) -> F64:
         """(N, 11, 11) covariances."""
-        return np.array([f.P for f in self._filters]).reshape(-1, CV_SIZE, CV_SIZE)
+        return np.array([f.P for f in self._filters]).reshape(-1, STATE_SIZE, STATE_SIZE)
 
-    def planar_covariance(self) -> F64:
-        """(N, 4, 4) covariance of (x, y, d_x, d_y)."""
-        return self.covariance[:, np.array(PLANAR)[:, None], PLANAR]
+    def xy_velocity_covariance(self) -> F64:
+        """Return the covariances (N, 4, 4) of (x, y, d_x, d_y)."""
+        return self.covariance[:, np.array(XY_VELOCITY)[:, None], XY_VELOCITY]
 
-    def axial_variance(self) -> F64:
-        """(N, 5) variances of z, yaw, l, w, h."""
+    def z_yaw_size_variance(self) -> F64:
+        """Return the variances (N, 5) of z, yaw, l, w, h."""
         return np.diagonal(self.covariance, axis1=1, axis2=2)[:, 2:7]
 
-    def append(self, mean: F64, variance: F64, velocity_covariance: F64, model: I64) -> None:
-        """Adds n tracks; see `DenseBank.append`."""
+    def append(self, mean: F64, variance: F64, velocity_covariance: F64) -> None:
+        """Add n tracks; see `Bank.append`."""
         for x, p, v in zip(mean, variance, velocity_covariance, strict=True):
-            new = KalmanFilter(dim_x=CV_SIZE, dim_z=BOX_SIZE)
+            new = KalmanFilter(dim_x=STATE_SIZE, dim_z=BOX_SIZE)
             new.x = x[:, None].copy()
             new.P = np.diag(p)
             new.P[VELOCITY, VELOCITY] = v
             self._filters.append(new)
 
     def keep(self, mask: Mask) -> None:
-        """Drops every track outside the mask (N,)."""
+        """Drop every track outside the mask (N,)."""
         self._filters = [f for f, kept in zip(self._filters, mask, strict=True) if kept]
 
     def predict(self, dt_s: F64, process: F64) -> None:
-        """Advances every filter; see `DenseBank.predict`."""
-        growth = process_covariance(process, dt_s, "cv", CV_SIZE, self._wiener)
+        """Advance every filter; see `Bank.predict`."""
+        growth = process_covariance(process, dt_s, self._wiener)
         for one, dt, q in zip(self._filters, dt_s, growth, strict=True):
-            transition = np.eye(CV_SIZE)
-            transition[MOVING, RATE] = dt * np.eye(4)
+            transition = np.eye(STATE_SIZE)
+            transition[POSE, RATE] = dt * np.eye(4)
             one.predict(F=transition, Q=q)
             one.x[YAW] = wrap_angle(one.x[YAW])
             one.x[SIZE] = np.maximum(one.x[SIZE], SMALLEST_SIZE_M)
 
-    def turn(self, rows: I64) -> None:
-        """Turns the boxes of `rows` round by half a turn."""
+    def flip_heading(self, rows: I64) -> None:
+        """Add pi to the headings of `rows`."""
         for row in rows.tolist():
             self._filters[row].x[YAW] = wrap_angle(self._filters[row].x[YAW] + np.pi)
 
-    def update_box(self, rows: I64, residual: F64, position: F64, axial: F64) -> None:
-        """Corrects `rows` (n,) by box residuals (n, 7); see `BlockBank.update_box`."""
-        for row, y, p, a in zip(rows.tolist(), residual, position, axial, strict=True):
-            noise = np.diag(np.concatenate([[0.0, 0.0], a]))
-            noise[:2, :2] = p
-            self._correct(row, OBSERVE_BOX, y, noise)
+    def update_box(
+        self, rows: I64, residual: F64, xy_covariance: F64, z_yaw_size_variance: F64
+    ) -> None:
+        """Correct `rows` (n,) by box residuals (n, 7); see `Bank.update_box`."""
+        noise = np.zeros((len(rows), BOX_SIZE, BOX_SIZE))
+        noise[:, :2, :2] = xy_covariance
+        noise[:, range(2, BOX_SIZE), range(2, BOX_SIZE)] = z_yaw_size_variance
+        for row, y, r in zip(rows.tolist(), residual, noise, strict=True):
+            self._correct(row, OBSERVE_BOX, y, r)
 
     def update_velocity(self, rows: I64, residual: F64, covariance: F64) -> None:
-        """Corrects `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
+        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
         for row, y, r in zip(rows.tolist(), residual, covariance, strict=True):
             self._correct(row, OBSERVE_VELOCITY, y, r)
 

@@ -1,19 +1,18 @@
-"""Bookkeeping of live tracks: identity, class, score and age, as structure of arrays."""
+"""Live tracks beside their filters: identity, class, score, age and last hull."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.objects import Objects, Tracks
 
 
 @dataclass(slots=True)
 class TrackRows:
-    """One row a live track, in order of birth."""
+    """One row per live track, in order of initiation, as a structure of arrays."""
 
     id: I64
     label: I64
@@ -23,11 +22,11 @@ class TrackRows:
     score_sum: F64
     """Over all its detections."""
     confidence: F64
-    """Belief that there is an object, from all its scores."""
+    """Probability that there is an object, from all its scores."""
     hits: I64
     """Detections so far, in total."""
     confirmed: Mask
-    """Whether it has ever had as many as it takes to be put out."""
+    """Whether it has ever had as many detections as confirmation takes."""
     misses: I64
     """Steps since the last detection."""
     born_ns: I64
@@ -35,33 +34,32 @@ class TrackRows:
     seen_ns: I64
     """Stamp of the last detection."""
     flips: I64
-    """Evidence for the present heading against the opposite one."""
+    """Votes for the present heading against the opposite one."""
     source: I64
     """Row of this step's detection in the objects handed over; -1 while coasting."""
 
     @classmethod
     def empty(cls) -> TrackRows:
-        """No track."""
-        nothing = np.empty(0, np.int64)
-        return new_tracks(0, nothing, nothing.astype(np.float64), 0)
+        """Return no track."""
+        return new_tracks(0, np.empty(0, np.int64), np.empty(0), 0)
 
     def __len__(self) -> int:
         return len(self.id)
 
     def append(self, new: TrackRows) -> None:
-        """Adds the rows of another book."""
+        """Add the rows of other tracks."""
         for item in fields(self):
             joined = np.concatenate([getattr(self, item.name), getattr(new, item.name)])
             setattr(self, item.name, joined)
 
-    def keep(self, mask: NDArray[Any]) -> None:
-        """Drops every row outside the mask."""
+    def keep(self, mask: Mask) -> None:
+        """Drop every row outside the mask (N,)."""
         for item in fields(self):
             setattr(self, item.name, getattr(self, item.name)[mask])
 
 
 def new_tracks(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackRows:
-    """Rows of n new tracks with consecutive ids."""
+    """Return rows of n new tracks with consecutive ids; label and score are (n,)."""
     n = len(label)
     return TrackRows(
         id=np.arange(first_id, first_id + n),
@@ -77,3 +75,31 @@ def new_tracks(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackRow
         flips=np.zeros(n, np.int64),
         source=np.full(n, -1, np.int64),
     )
+
+
+class LastHulls:
+    """The hull with which each live track was last detected: the filter's own state is a box."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, tuple[F64, F64]] = {}
+
+    def add_to(self, published: Tracks, live: TrackRows, objects: Objects) -> Tracks:
+        """Return the published tracks with hulls, if this step's objects have hulls.
+
+        A hull detected at this stamp stays where it was measured, another moves with its track's
+        centre. `live` holds all live tracks, unpublished ones included.
+        """
+        if objects.hull is None:
+            return published
+        source = dict(zip(live.id.tolist(), live.source.tolist(), strict=True))
+        self._last = {id_: self._last[id_] for id_ in source if id_ in self._last}
+        for id_, row in source.items():
+            if row >= 0:
+                self._last[id_] = (objects.hull[row], objects.centre_m[row, :2])
+        hulls = []
+        for id_, centre_m in zip(published.id.tolist(), published.centre_m[:, :2], strict=True):
+            if id_ not in self._last:
+                return published
+            hull, reference_m = self._last[id_]
+            hulls.append(hull if source[id_] >= 0 else hull + (centre_m - reference_m))
+        return replace(published, hull=tuple(hulls))

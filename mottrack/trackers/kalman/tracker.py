@@ -1,4 +1,4 @@
-"""The tracker: predict, associate, correct, give birth, put out, bury."""
+"""The Kalman tracker: predict, associate, update, initiate, publish, delete."""
 
 from __future__ import annotations
 
@@ -9,29 +9,34 @@ from mottrack.core.checks import as_stamp
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
+from mottrack.geometry.two_by_two import density_2x2
+from mottrack.trackers.kalman.association import (
+    Predicted,
+    associate,
+    heading_residual,
+    innovation_squared,
+)
 from mottrack.trackers.kalman.bank import make_bank
-from mottrack.trackers.kalman.carried_hulls import CarriedHulls
 from mottrack.trackers.kalman.config import KalmanConfig
-from mottrack.trackers.kalman.detections import Detections, read_detections
-from mottrack.trackers.kalman.lifecycle import TrackManagement, record_hits
-from mottrack.trackers.kalman.matching import match, others
-from mottrack.trackers.kalman.noise_model import initial_velocity_covariance
-from mottrack.trackers.kalman.noise_table import NoiseTable
-from mottrack.trackers.kalman.pair_cost import heading_residual, innovation_squared
-from mottrack.trackers.kalman.predicted import Predicted
+from mottrack.trackers.kalman.detections import Detections, observations_of
+from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
-from mottrack.trackers.kalman.track_rows import TrackRows, new_tracks
-from mottrack.trackers.kalman.velocity_belief import density, rest_odds
+from mottrack.trackers.kalman.track_management import TrackManagement, record_hits
+from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
+from mottrack.trackers.kalman.velocity_likelihood import static_odds
 
 FLIP_LIMIT = 3
-"""Votes that a heading can gather: more detections than this turn any box round."""
+"""Most votes that a heading can gather: more opposite detections in a row than this flip any box.
+
+Fewer would let single false headings flip it, more would keep a wrong first heading for longer.
+"""
 
 
 class KalmanTracker:
     """Tracks boxes of all classes in one batch (Chiu et al., 2020; PillarFlow, section IV-D).
 
-    A new tracker is made for each scene. The world frame, seconds and metres a second throughout;
-    the published presets count in frames inside and convert at the border.
+    Make a new tracker for each scene. Input and output are in the world frame, in seconds and
+    metres per second; the published presets count in frames inside and convert.
     """
 
     Config = KalmanConfig
@@ -40,16 +45,16 @@ class KalmanTracker:
         self.config = config or KalmanConfig()
         self._table = NoiseTable(self.config.noise)
         self._bank = make_bank(self.config)
-        self._book = TrackRows.empty()
-        self._life = TrackManagement(self.config.life)
-        self._hulls = CarriedHulls()
+        self._tracks = TrackRows.empty()
+        self._management = TrackManagement(self.config.track_management)
+        self._hulls = LastHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
         self.nis: F64 = np.empty(0)
         """Normalised squared innovations of the last step's boxes, 7 numbers each (`diagnose`)."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
-        """Advances to `stamp_ns` with this step's objects (world frame) and returns the tracks.
+        """Advance to `stamp_ns` with this step's objects (world frame) and return the tracks.
 
         Raises:
             InputError: the stamp is not later than the last one, or the objects are not in the
@@ -57,29 +62,31 @@ class KalmanTracker:
         """
         elapsed_s = self._elapsed_s(stamp_ns)
         unit_s = elapsed_s if self.config.time == "frames" else 1.0
-        seen = read_detections(objects, self.config, self._table, unit_s)
+        seen = observations_of(objects, self.config, self._table, unit_s)
         self._stamp_ns = stamp_ns
-        active = self._life.active(self._book.label, seen.label)
-        self._predict(active, elapsed_s / unit_s)
-        self._life.begin(self._book, seen.label, len(self._table.labels), elapsed_s)
-        rows, columns = self._match(seen, np.flatnonzero(active))
-        self._correct(rows, columns, seen)
-        record_hits(self._book, rows, seen.score[columns], seen.source[columns], stamp_ns)
-        self._bear(others(len(seen), columns), seen, stamp_ns)
-        tracks = self._put_out(self._life.shown(self._book, seen.label, stamp_ns), stamp_ns, unit_s)
-        tracks = self._hulls.on(tracks, self._book, objects)
-        self._bury(self._life.alive(self._book, stamp_ns))
-        return tracks
+        tracks, management = self._tracks, self._management
+        active = management.active(tracks.label, seen.label)
+        process = self._table.process(tracks.label)
+        self._bank.predict(np.where(active, elapsed_s / unit_s, 0.0), process)
+        management.begin(tracks, seen.label, len(self._table.labels), elapsed_s)
+        rows, columns = self._associate(seen, np.flatnonzero(active))
+        self._update(rows, columns, seen)
+        record_hits(tracks, rows, seen.score[columns], seen.source[columns], stamp_ns)
+        self._initiate(np.setdiff1d(np.arange(len(seen)), columns), seen, stamp_ns)
+        is_published = management.is_published(tracks, seen.label, stamp_ns)
+        published = self._published(is_published, stamp_ns, unit_s)
+        published = self._hulls.add_to(published, tracks, objects)
+        alive = management.alive(tracks, stamp_ns)
+        if not alive.all():
+            self._bank.keep(alive)
+            tracks.keep(alive)
+        return published
 
     def finish(self, steps: list[Tracks]) -> list[Tracks]:
-        """The tracks of a finished scene: smoothed if the settings ask for it, else as they were.
-
-        Raises:
-            ConfigError: the settings count in frames or mix models, which cannot be retraced.
-        """
+        """Return the tracks of a finished scene: smoothed if `smooth` is set, else unchanged."""
         if not self.config.smooth:
             return steps
-        # the smoother is built on this package's parts, and most trackers never need it
+        # only for those who smooth: it imports this package's parts
         from mottrack.trackers.kalman.smoothing import smooth
 
         return smooth(steps, self.config)
@@ -92,104 +99,90 @@ class KalmanTracker:
             raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
         return (stamp_ns - self._stamp_ns) * 1e-9
 
-    def _predict(self, active: Mask, duration: float) -> None:
-        process = self._table.process[self._book.label]
-        self._bank.predict(np.where(active, duration, 0.0), process)
-
-    def _match(self, seen: Detections, active: I64) -> tuple[I64, I64]:
+    def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
         bank = self._bank
         tracks = Predicted(
-            bank.mean, bank.planar_covariance(), bank.axial_variance(), self._book.label
+            bank.mean, bank.xy_velocity_covariance(), bank.z_yaw_size_variance(), self._tracks.label
         )
         if len(active) < len(bank):
             tracks = tracks.select(active)
-        rows, columns = match(seen, tracks, self.config, self._table.labels)
+        rows, columns = associate(seen, tracks, self.config, self._table.labels)
         if self.config.diagnose:
             self.nis = innovation_squared(seen, tracks, (columns, rows))
         return active[rows], columns
 
-    def _correct(self, rows: I64, columns: I64, seen: Detections) -> None:
-        """Kalman update of matched tracks by the box, then by the velocity where measured."""
+    def _update(self, rows: I64, columns: I64, seen: Detections) -> None:
+        """Apply the Kalman updates of matched tracks by the box, then by measured velocities."""
         bank = self._bank
         residual = seen.box[columns] - bank.mean[rows, :BOX_SIZE]
         residual[:, YAW] = heading_residual(residual[:, YAW])
-        self._turn(rows, seen.box[columns, YAW])
-        bank.update_box(rows, residual, seen.position[columns], seen.axial[columns])
-        moving = seen.moving[columns]
-        if moving.any():
-            rows, columns = rows[moving], columns[moving]
-            believed = self._believable(rows, columns, seen)
-            self._correct_velocity(rows[believed], columns[believed], seen)
+        self._resolve_headings(rows, seen.box[columns, YAW])
+        variances = seen.xy_covariance[columns], seen.z_yaw_size_variance[columns]
+        bank.update_box(rows, residual, *variances)
+        measured = seen.has_velocity[columns]
+        if measured.any():
+            self._update_velocity(rows[measured], columns[measured], seen)
 
-    def _believable(self, rows: I64, columns: I64, seen: Detections) -> Mask:
-        """Velocities that are likelier their tracks' than a failure of the source, (n,)."""
-        mean, own = self._bank.mean[rows, VELOCITY], self._bank.planar_covariance()[rows, 2:, 2:]
+    def _update_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
+        """Update `rows` (n,) by the velocities that are likelier correct than an outlier."""
+        mean, own = self._bank.mean[rows, VELOCITY], self._bank.xy_velocity_covariance()[rows]
         velocity, noise = seen.velocity[columns], seen.velocity_covariance[columns]
-        sound = density(velocity - mean, own + noise)
+        residual, own = velocity - mean, own[:, 2:, 2:]
+        likelihood = density_2x2(residual, own + noise)
         table = self._table.rows(seen.label[columns])
         prior = initial_velocity_covariance(table, seen.box[columns, YAW])
-        rest = rest_odds(mean, own, prior, self.config.velocity.rest_prior)
-        return np.asarray(sound + rest * density(velocity, noise) >= seen.no_news[columns])
+        odds = static_odds(mean, own, prior, self.config.velocity.p_static)
+        likelihood += odds * density_2x2(velocity, noise)
+        correct = likelihood >= seen.outlier_likelihood[columns]
+        self._bank.update_velocity(rows[correct], residual[correct], noise[correct])
 
-    def _correct_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
-        residual = seen.velocity[columns] - self._bank.mean[rows, VELOCITY]
-        self._bank.update_velocity(rows, residual, seen.velocity_covariance[columns])
-
-    def _turn(self, rows: I64, yaw_rad: F64) -> None:
-        """Turns tracks round whose heading the detections contradict: at once, or by vote."""
+    def _resolve_headings(self, rows: I64, yaw_rad: F64) -> None:
+        """Flip tracks whose heading the detections contradict: at once, or by vote."""
         opposite = np.abs(wrap_angle(yaw_rad - self._bank.mean[rows, YAW])) > np.pi / 2
         if self.config.yaw == "vote":
-            votes = self._book.flips[rows] + np.where(opposite, -1, 1)
+            votes = self._tracks.flips[rows] + np.where(opposite, -1, 1)
             opposite = votes < 0
-            self._book.flips[rows] = np.minimum(np.abs(votes), FLIP_LIMIT)
-        self._bank.turn(rows[opposite])
+            self._tracks.flips[rows] = np.minimum(np.abs(votes), FLIP_LIMIT)
+        self._bank.flip_heading(rows[opposite])
 
-    def _bear(self, columns: I64, seen: Detections, stamp_ns: int) -> None:
-        """Starts a track at each unmatched detection that may start one."""
-        lowest = self.config.life.birth_score
+    def _initiate(self, columns: I64, seen: Detections, stamp_ns: int) -> None:
+        """Start a track at each unmatched detection that may start one."""
+        lowest = self.config.track_management.birth_score
         if lowest is not None:
             columns = columns[seen.score[columns] >= lowest]
         if len(columns) == 0:
             return
         new = seen.select(columns)
         noise = self._table.rows(new.label)
-        taken = new.moving & (self.config.velocity.birth == "replace")
-        size = self._bank.size
-        mean = np.hstack([new.box, np.zeros((len(new), size - BOX_SIZE))])
-        mean[taken, VELOCITY] = new.velocity[taken]
+        replaced = new.has_velocity & (self.config.velocity.birth == "replace")
+        mean = np.hstack([new.box, np.zeros((len(new), 4))])
+        mean[replaced, VELOCITY] = new.velocity[replaced]
         covariance = initial_velocity_covariance(noise, new.box[:, YAW])
-        covariance[taken] = new.velocity_covariance[taken]
+        covariance[replaced] = new.velocity_covariance[replaced]
         first = len(self._bank)
-        model = self.config.motion.index(self._table.labels)[new.label]
-        self._bank.append(mean, noise.initial[:, :size], covariance, model)
-        weighed = np.flatnonzero(new.moving & ~taken)
-        weighed = weighed[self._believable(first + weighed, weighed, new)]
-        self._correct_velocity(first + weighed, weighed, new)
-        book = new_tracks(self._next_id, new.label, new.score, stamp_ns)
-        book.source[:] = new.source
-        self._book.append(book)
+        self._bank.append(mean, noise.initial, covariance)
+        updated = np.flatnonzero(new.has_velocity & ~replaced)
+        self._update_velocity(first + updated, updated, new)
+        rows = new_tracks(self._next_id, new.label, new.score, stamp_ns)
+        rows.source[:] = new.source
+        self._tracks.append(rows)
         self._next_id += len(new)
 
-    def _put_out(self, shown: Mask, stamp_ns: int, unit_s: float) -> Tracks:
-        book, mean = self._book, self._bank.mean[shown]
-        source, covariance = book.source[shown], self._bank.covariance[shown]
+    def _published(self, chosen: Mask, stamp_ns: int, unit_s: float) -> Tracks:
+        tracks, mean = self._tracks, self._bank.mean[chosen]
+        covariance = self._bank.covariance[chosen]
         return Tracks(
             stamp_ns=stamp_ns,
             frame="world",
             centre_m=mean[:, :3],
             size_m=np.maximum(mean[:, SIZE], SMALLEST_SIZE_M),
             yaw_rad=mean[:, YAW],
-            label=np.array(self._table.labels)[book.label[shown]],
-            id=book.id[shown],
-            score=self._life.score(book, stamp_ns)[shown],
+            label=np.array(self._table.labels)[tracks.label[chosen]],
+            id=tracks.id[chosen],
+            score=self._management.score(tracks, stamp_ns)[chosen],
             velocity_mps=mean[:, VELOCITY] / unit_s,
             velocity_covariance_m2ps2=covariance[:, VELOCITY, VELOCITY] / unit_s**2,
             state=mean,
             covariance=covariance,
-            observed=source >= 0,
+            observed=tracks.source[chosen] >= 0,
         )
-
-    def _bury(self, alive: Mask) -> None:
-        if not alive.all():
-            self._bank.keep(alive)
-            self._book.keep(alive)

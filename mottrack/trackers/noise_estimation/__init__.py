@@ -1,1 +1,1 @@
-"""Estimate the noise of a tracker from detections and truth, and test its consistency."""
+"""Estimation of a tracker's noise from detections and truth, and consistency tests."""

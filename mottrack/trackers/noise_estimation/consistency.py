@@ -1,6 +1,6 @@
-"""Whether a filter's covariances are honest: chi-square tests of NIS and NEES.
+"""Consistency of a filter's covariances: chi-square tests of NIS and NEES.
 
-For an honest filter the normalised squared innovation (NIS) and estimation error (NEES) follow a
+For a consistent filter the normalised squared innovation (NIS) and estimation error (NEES) follow a
 chi-square law whose mean is the number of components (Bar-Shalom, Li and Kirubarajan, 2001, 5.4).
 """
 
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mottrack.core.arrays import F64
-from mottrack.core.objects import Objects, Tracks, Truth
-from mottrack.trackers.kalman.state import PLANAR
+from mottrack.core.objects import Tracks, Truth
+from mottrack.trackers.kalman.state import XY_VELOCITY
 from mottrack.trackers.noise_estimation.samples import match_truth
 
 
@@ -23,14 +23,14 @@ class Consistency:
     count: int
     components: int
     mean_ratio: float
-    """Mean over its expectation: 1 is honest, above 1 the filter is too sure of itself."""
+    """Mean over its expectation: 1 is consistent, above 1 the filter is overconfident."""
     inside_95: float
-    """Part below the 95 % quantile of the chi-square law."""
+    """Fraction below the 95 % quantile of the chi-square law."""
 
 
 def consistency(squared: F64, components: int) -> Consistency:
-    """Holds normalised squared errors (N,) against the chi-square law of `components`."""
-    # scipy.stats takes long to load, and trackers that run have no use for it
+    """Compare normalised squared errors (N,) with the chi-square law of `components` degrees."""
+    # scipy.stats loads slowly and only the study of noise needs it
     from scipy.stats import chi2
 
     if len(squared) == 0:
@@ -42,25 +42,16 @@ def consistency(squared: F64, components: int) -> Consistency:
 
 
 def nees(tracks: Tracks, truth: Truth) -> F64:
-    """Normalised squared error of (x, y, d_x, d_y), (N,), of the tracks that match a true box.
+    """Return the normalised squared error (N,) of (x, y, d_x, d_y) of tracks that match the truth.
 
-    Tracks with a state of the Kalman tracker, in seconds, of truth whose velocity is known.
+    `tracks` carry the state of a Kalman tracker in seconds; only truth of known velocity counts.
     """
     seen = tracks.select(tracks.observed)
-    boxes = Objects(
-        stamp_ns=seen.stamp_ns,
-        frame=seen.frame,
-        centre_m=seen.centre_m,
-        size_m=seen.size_m,
-        yaw_rad=seen.yaw_rad,
-        label=seen.label,
-        score=seen.score,
-    )
-    i, j = match_truth(boxes, truth)
+    i, j = match_truth(seen, truth)
     known = np.isfinite(truth.velocity_mps[j]).all(axis=1)
     i, j = i[known], j[known]
     true = np.hstack([truth.centre_m[j, :2], truth.velocity_mps[j]])
-    error = seen.state[i][:, PLANAR] - true
-    spread = seen.covariance[i][:, np.array(PLANAR)[:, None], PLANAR]
+    error = seen.state[i][:, XY_VELOCITY] - true
+    spread = seen.covariance[i][:, np.array(XY_VELOCITY)[:, None], XY_VELOCITY]
     solved = np.linalg.solve(spread, error[:, :, None])[:, :, 0]
     return np.asarray(np.einsum("nd,nd->n", error, solved))

@@ -1,4 +1,4 @@
-"""Detections and the truth they stand for, gathered over scenes to learn the noise from."""
+"""Detections matched with the truth, collected over scenes to estimate the noise."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from mottrack.core.objects import Boxes, Objects, Truth
 from mottrack.trackers.association import candidate_pairs, centre_distance_m, hungarian
 
 MATCH_RADIUS_M = 2.0
-"""Detections further than this from an object of their class are none of it (Chiu et al.)."""
+"""Largest distance of a detection from a true box of its class (as Chiu et al., 2020)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
+class NoiseSamples:
     """N detections matched with the truth, and M true boxes, matched or not.
 
     Boxes are rows of x, y, z, yaw, l, w, h in the world frame; objects are numbered through all
@@ -43,20 +43,20 @@ class Pairs:
 
 
 @dataclass
-class PairCollector:
-    """Gathers pairs frame by frame."""
+class SampleCollector:
+    """Collects samples frame by frame."""
 
-    _frames: list[Pairs] = field(default_factory=list)
+    _frames: list[NoiseSamples] = field(default_factory=list)
     _numbers: dict[tuple[str, int], int] = field(default_factory=dict)
 
     def add(self, scene: str, objects: Objects, truth: Truth) -> None:
-        """One frame of a scene: its detections, with velocities or without, and its truth."""
+        """Add one frame of a scene: its detections, with or without velocities, and its truth."""
         i, j = match_truth(objects, truth)
         numbers = [
             self._numbers.setdefault((scene, k), len(self._numbers)) for k in truth.id.tolist()
         ]
         self._frames.append(
-            Pairs(
+            NoiseSamples(
                 label=truth.label[j],
                 detection=box_rows(objects)[i],
                 truth=box_rows(truth)[j],
@@ -68,20 +68,20 @@ class PairCollector:
             )
         )
 
-    def pairs(self) -> Pairs:
-        """Everything gathered so far.
+    def samples(self) -> NoiseSamples:
+        """Return everything collected so far.
 
         Raises:
             InputError: no frame was added.
         """
         if not self._frames:
             raise InputError("frames with detections and truth", 0, "at least one")
-        names = [item.name for item in fields(Pairs)]
-        return Pairs(*(np.concatenate([getattr(f, n) for f in self._frames]) for n in names))
+        names = [item.name for item in fields(NoiseSamples)]
+        return NoiseSamples(*(np.concatenate([getattr(f, n) for f in self._frames]) for n in names))
 
 
-def match_truth(objects: Objects, truth: Truth) -> tuple[I64, I64]:
-    """Indices of detections and of the true boxes they stand for.
+def match_truth(objects: Boxes, truth: Truth) -> tuple[I64, I64]:
+    """Return indices of detections and of the true boxes that they match, (P,) each.
 
     Within a class, one to one, most pairs first and then the least total distance of the centres
     (Hungarian), none beyond `MATCH_RADIUS_M`.
@@ -98,7 +98,7 @@ def match_truth(objects: Objects, truth: Truth) -> tuple[I64, I64]:
 
 
 def box_rows(boxes: Boxes) -> F64:
-    """Rows (N, 7) of x, y, z, yaw, l, w, h."""
+    """Return rows (N, 7) of x, y, z, yaw, l, w, h."""
     return np.column_stack([boxes.centre_m, boxes.yaw_rad, boxes.size_m])
 
 

@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
-from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
-from mottrack.flow.dogma.returns import GROUND, OBSTACLE, Returns
+from mottrack.flow.dogma.measurement_grid import GROUND, OBSTACLE, Returns, SensorConfig, measure
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 

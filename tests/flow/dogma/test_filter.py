@@ -1,4 +1,4 @@
-"""The filter's laws, on a flat world with known motion."""
+"""Properties of the filter in a flat world with known motion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from mottrack.core.errors import InputError
 from mottrack.flow.dogma.field import ReadoutConfig, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig
-from mottrack.flow.dogma.measurement_grid import MeasurementGrid
+from mottrack.flow.dogma.measurement_grid import Masses
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 
@@ -57,7 +57,7 @@ def test_an_empty_world_stays_empty(flat_world):
     assert grid_map.masses.free.max() > 0.9
 
 
-def test_what_went_away_is_forgotten(flat_world, box):
+def test_occupancy_that_disappears_decays(flat_world, box):
     world = flat_world()
     for _ in range(5):
         world.cycle(0.0, box((8.0, 0.0), 2.0, 2.0))
@@ -109,7 +109,7 @@ def test_seeds_differ(flat_world):
 @pytest.mark.parametrize("dt_s", [0.0, -0.1, np.nan, np.inf])
 def test_time_must_advance(dt_s):
     window = Window.around(0.0, 0.0, 8, 0.25)
-    blank = MeasurementGrid(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
+    blank = Masses(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
     with pytest.raises(InputError, match="dt_s"):
         DynamicGridFilter(FilterConfig(particles=10, births=1), Workers(1)).step(
             blank, window, dt_s
@@ -117,7 +117,7 @@ def test_time_must_advance(dt_s):
 
 
 def test_shapes_must_agree():
-    blank = MeasurementGrid(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
+    blank = Masses(np.zeros((8, 8), np.float32), np.zeros((8, 8), np.float32))
     grid_filter = DynamicGridFilter(FilterConfig(particles=10, births=1), Workers(1))
     with pytest.raises(InputError, match="shape of measured"):
         grid_filter.step(blank, Window.around(0.0, 0.0, 9, 0.25), 0.1)

@@ -1,4 +1,4 @@
-"""One sweep as evidence: what is occupied, what is free, what is unknown."""
+"""Masses of one sweep: occupied, free and unknown."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mottrack.flow.dogma.measurement_grid import SensorConfig, measure
-from mottrack.flow.dogma.polar import Blind, free_reach_m
-from mottrack.flow.dogma.returns import GROUND, OBSTACLE, OVERHEAD, OWN, Returns
+from mottrack.flow.dogma.measurement_grid import (
+    GROUND,
+    OBSTACLE,
+    OVERHEAD,
+    OWN,
+    Returns,
+    SensorConfig,
+    free_reach_m,
+    measure,
+)
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 
@@ -59,7 +66,7 @@ def test_free_before_a_wall_occupied_on_it_unknown_behind():
     assert free[at(2, 0)] > free[at(6, 0)]
 
 
-def test_the_first_return_of_a_direction_ends_the_view_but_later_ones_count():
+def test_the_first_return_ends_the_free_reach_and_later_ones_are_evidence():
     occupied, free = look(arc(6.0, OBSTACLE), arc(10.0, OBSTACLE, -5, 5), arc(12.0, GROUND))
     assert occupied[at(10, 0)] > 0.6
     assert free[at(8, 0)] == 0
@@ -100,13 +107,16 @@ def test_a_direction_without_return_is_free_as_far_as_configured(reach_m):
     assert free[at(5, 0)] == 0
 
 
-def test_ground_frees_overhead_only_looks_and_the_own_vehicle_shows_nothing():
-    seen_m = free_reach_m(*arc(9.0, GROUND), 360, Blind(0.2, 0.0))
-    np.testing.assert_allclose(seen_m, 9.0, rtol=1e-6)
-    np.testing.assert_allclose(free_reach_m(*arc(9.0, OVERHEAD), 360, Blind(0.2, 4.0)), 4.0)
-    assert not free_reach_m(*arc(1.0, OWN), 360, Blind(0.2, 4.0)).any()
+def test_ground_is_free_overhead_is_in_view_and_the_own_vehicle_is_no_evidence():
+    def reach_m(returns, no_return_free_m):
+        config = SensorConfig(azimuth_bins=360, no_return_free_m=no_return_free_m)
+        return free_reach_m(Returns(*returns, CENTRE), config)
+
+    np.testing.assert_allclose(reach_m(arc(9.0, GROUND), 0.0), 9.0, rtol=1e-6)
+    np.testing.assert_allclose(reach_m(arc(9.0, OVERHEAD), 4.0), 4.0)
+    assert not reach_m(arc(1.0, OWN), 4.0).any()
 
 
-def test_an_empty_sweep_says_nothing():
+def test_an_empty_sweep_is_no_evidence():
     occupied, free = look()
     assert occupied.max() == free.max() == 0

@@ -1,4 +1,4 @@
-"""Evidence on {occupied, free}: held against Dempster's rule written out over the power set."""
+"""Evidence on {occupied, free}, compared with Dempster's rule over the power set."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mottrack.flow.dogma.occupancy import (
+    CellPrior,
     OccupancyConfig,
     Rates,
     combine,
@@ -42,14 +43,14 @@ def dempster(a, b):
 @settings(deadline=None)
 def test_the_update_is_dempsters_rule(a, b):
     expected = dempster(a, b)
-    np.testing.assert_allclose(combine((*a, 0.0), b), expected, atol=1e-9)
-    np.testing.assert_allclose(combine((*b, 0.0), a), expected, atol=1e-9)
+    np.testing.assert_allclose(combine(CellPrior(*a, 0.0), b), expected, atol=1e-9)
+    np.testing.assert_allclose(combine(CellPrior(*b, 0.0), a), expected, atol=1e-9)
 
 
 @given(masses())
 @settings(deadline=None)
 def test_no_evidence_changes_nothing(a):
-    np.testing.assert_allclose(combine((*a, 0.0), (0.0, 0.0)), a, atol=1e-12)
+    np.testing.assert_allclose(combine(CellPrior(*a, 0.0), (0.0, 0.0)), a, atol=1e-12)
 
 
 @settings(deadline=None)
@@ -70,12 +71,12 @@ def test_predicted_and_split_masses_add_up(carried, before, birth, dt_s):
 
 def test_one_birth_probability_is_the_papers_formula():
     rates = Rates.over(0.1, OccupancyConfig(birth=0.02, birth_unseen=0.02))
-    _, born, _ = split_cell((0.3, 0.2, 0.4), 0.9, rates)
+    _, born, _ = split_cell(CellPrior(0.3, 0.2, 0.4), 0.9, rates)
     np.testing.assert_allclose(born, 0.9 * 0.02 * 0.7 / (0.3 + 0.02 * 0.7))
 
 
 def test_what_comes_into_view_is_born_and_what_enters_free_space_is_not():
     rates = Rates.over(0.1, OccupancyConfig())
-    _, born_unseen, _ = split_cell((0.02, 0.0, 0.98), 0.9, rates)
-    _, born_free, _ = split_cell((0.02, 0.95, 0.0), 0.9, rates)
+    _, born_unseen, _ = split_cell(CellPrior(0.02, 0.0, 0.98), 0.9, rates)
+    _, born_free, _ = split_cell(CellPrior(0.02, 0.95, 0.0), 0.9, rates)
     assert born_unseen > 2 * born_free

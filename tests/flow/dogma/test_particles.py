@@ -1,4 +1,4 @@
-"""What happens to particles between two cycles: prediction, sorting, birth, moments, resampling."""
+"""Particles between two cycles: prediction, assignment, birth, moments, resampling."""
 
 from __future__ import annotations
 
@@ -7,27 +7,30 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mottrack.flow.dogma.assign import assign
 from mottrack.flow.dogma.births import (
-    TRIES,
+    MAX_DRAWS,
     BirthConfig,
     Births,
-    Past,
     VelocityPrior,
-    allot,
-    give_birth,
+    allocate_births,
+    draw_births,
 )
-from mottrack.flow.dogma.moments import velocity_moments
 from mottrack.flow.dogma.noise import stream, uniform
-from mottrack.flow.dogma.particles import Particles
-from mottrack.flow.dogma.predict import Motion, MotionConfig, predict, survival_over
+from mottrack.flow.dogma.particles import Particles, assign, velocity_moments
+from mottrack.flow.dogma.predict import (
+    MotionStep,
+    ParticleMotionConfig,
+    predict,
+    survival_over,
+)
 from mottrack.flow.dogma.resample import Candidates, resample
 from mottrack.flow.dogma.window import Window
 from mottrack.flow.dogma.workers import Workers
 
 ONE = Workers(1)
 WINDOW = Window.around(0.0, 0.0, 6, 0.5)
-UNKNOWN = Past(np.zeros((6, 6), np.float32), np.float32(0.1))
+UNKNOWN = np.zeros((6, 6), np.float32)
+"""Free mass before the prediction: none."""
 
 
 def scattered(count, seed=0, spread_m=4.0):
@@ -47,8 +50,8 @@ def cell_of(particles):
 def test_the_expected_prediction_is_constant_velocity(dt_s):
     count = 200_000
     start = Particles(*(np.full(count, v, np.float32) for v in (20.0, 30.0, 12.0, -7.0)))
-    config = MotionConfig()
-    motion = Motion.over(dt_s, (-1.5, 0.25), config)
+    config = ParticleMotionConfig()
+    motion = MotionStep.over(dt_s, (-1.5, 0.25), config)
     predict((0, count), start, motion, stream(1, 2, 3))
     growth = np.sqrt(dt_s / 0.1)
     expected = (20 - 1.5 + 12 * dt_s, 30 + 0.25 - 7 * dt_s, 12.0, -7.0)
@@ -66,7 +69,7 @@ def test_resting_particles_stay_until_they_start():
     predict(
         (0, count),
         particles,
-        Motion.over(0.1, (0.0, 0.0), MotionConfig(start=0.1)),
+        MotionStep.over(0.1, (0.0, 0.0), ParticleMotionConfig(start=0.1)),
         stream(0, 0, 0),
     )
     assert not particles.x_m.any()
@@ -77,7 +80,7 @@ def test_resting_particles_stay_until_they_start():
 
 
 def test_survival_compounds():
-    config = MotionConfig(survival=0.9)
+    config = ParticleMotionConfig(survival=0.9)
     np.testing.assert_allclose(survival_over(0.3, config), 0.9**3)
 
 
@@ -107,7 +110,7 @@ def test_moments_are_those_of_numpy():
 @settings(deadline=None, max_examples=50)
 def test_births_are_shared_out_in_proportion(born, count):
     mass = np.array(born, np.float32).reshape(6, 6)
-    births = allot(mass, count, stream(0, 1, 2))
+    births = allocate_births(mass, count, stream(0, 1, 2))
     share = np.diff(births.start)
     total = mass.sum(dtype=np.float64)
     assert births.start[-1] == (count if total > 0 else 0)
@@ -123,8 +126,8 @@ def test_births_lie_in_their_cell_and_rest_only_where_uncovered():
     uncovered = np.zeros((6, 6), np.float32)
     uncovered[1, 2] = 1
     config = BirthConfig(rest_share=0.5, slow_share=0.4, slow_mps=1.0, fast_mps=12.0)
-    prior = VelocityPrior.of(config, uncovered, UNKNOWN)
-    born = give_birth(Births(start, 1.0), WINDOW, prior, stream(3, 0, 1), ONE)
+    prior = VelocityPrior.of(config, uncovered, UNKNOWN, 0.1)
+    born = draw_births(Births(start, 1.0), WINDOW, prior, stream(3, 0, 1), ONE)
     cell = cell_of(born)
     assert (cell[:40_000] == 8).all()
     assert (cell[40_000:] == 21).all()
@@ -142,25 +145,25 @@ def test_nothing_new_comes_out_of_free_space_unless_every_draw_did():
     free = np.ones((6, 6), np.float32)
     free[3, :3] = 0  # something was to the left of cell 21, which is free itself
 
-    def share_from_free(past):
-        prior = VelocityPrior.of(BirthConfig(), np.zeros((6, 6), np.float32), past)
-        born = give_birth(Births(start, 1.0), WINDOW, prior, stream(1, 2, 3), ONE)
+    def share_from_free(free_before):
+        prior = VelocityPrior.of(BirthConfig(), np.zeros((6, 6), np.float32), free_before, 0.1)
+        born = draw_births(Births(start, 1.0), WINDOW, prior, stream(1, 2, 3), ONE)
         came_from = born._replace(
-            x_m=born.x_m - born.vx_mps * past.dt_s, y_m=born.y_m - born.vy_mps * past.dt_s
+            x_m=born.x_m - born.vx_mps * prior.dt_s, y_m=born.y_m - born.vy_mps * prior.dt_s
         )
         return np.append(free.ravel(), 0)[cell_of(came_from)].mean()
 
     once = share_from_free(UNKNOWN)
     assert 0.5 < once < 0.9
-    often = share_from_free(Past(free, np.float32(0.1)))
-    np.testing.assert_allclose(often, once**TRIES, rtol=0.05)
+    often = share_from_free(free)
+    np.testing.assert_allclose(often, once**MAX_DRAWS, rtol=0.05)
 
 
 def candidates(count, births):
     particles = scattered(count)
     assignment = assign(particles, WINDOW, WINDOW, ONE)
-    prior = VelocityPrior.of(BirthConfig(), np.ones((6, 6), np.float32), UNKNOWN)
-    born = give_birth(births, WINDOW, prior, stream(0, 0, 1), ONE)
+    prior = VelocityPrior.of(BirthConfig(), np.ones((6, 6), np.float32), UNKNOWN, 0.1)
+    born = draw_births(births, WINDOW, prior, stream(0, 0, 1), ONE)
     return Candidates(particles, assignment, born, births)
 
 
@@ -169,7 +172,9 @@ def candidates(count, births):
 def test_resampling_keeps_mass_and_number(seed, offset):
     rng = np.random.default_rng(seed)
     persistent = rng.uniform(0, 1, (6, 6)).astype(np.float32)
-    births = allot(rng.uniform(0, 0.3, (6, 6)).astype(np.float32), 200, stream(seed, 0, 0))
+    births = allocate_births(
+        rng.uniform(0, 0.3, (6, 6)).astype(np.float32), 200, stream(seed, 0, 0)
+    )
     chosen = Particles(*(np.full(3_000, np.nan, np.float32) for _ in range(4)))
     each = resample(candidates(4_000, births), persistent, offset, chosen, ONE)
     assert all(np.isfinite(values).all() for values in chosen)
@@ -181,7 +186,7 @@ def test_resampling_keeps_mass_and_number(seed, offset):
 
 
 def test_without_mass_nothing_is_drawn():
-    births = allot(np.zeros((6, 6), np.float32), 10, stream(0, 0, 0))
+    births = allocate_births(np.zeros((6, 6), np.float32), 10, stream(0, 0, 0))
     chosen = Particles(*(np.full(7, 3, np.float32) for _ in range(4)))
     assert resample(candidates(50, births), np.zeros((6, 6), np.float32), 0.3, chosen, ONE) == 0
     assert (np.stack(chosen) == 3).all()

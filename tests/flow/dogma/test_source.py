@@ -1,4 +1,4 @@
-"""`flow=dogma` as its users see it: sweeps in, a flow field of the ego frame out."""
+"""Flow source `dogma`: from sweeps to a flow field in the ego frame."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def box_cells(field, yaw_rad=0.0, count=10):
 
 @pytest.mark.parametrize("rings", [32, 64])
 @pytest.mark.parametrize("sector_deg", [360.0, 90.0])
-def test_a_driving_box_for_every_kind_of_sensor(rings, sector_deg):
+def test_a_driving_box_for_sensors_of_any_resolution_and_view(rings, sector_deg):
     source = DogmaFlow(config(), grid=GRID)
     field = drive(source, rings=rings, sector_deg=sector_deg)
     cells = box_cells(field)
@@ -81,7 +81,7 @@ def test_a_driving_box_for_every_kind_of_sensor(rings, sector_deg):
         assert behind.max() == 0
 
 
-def test_the_field_turns_with_the_ego_frame():
+def test_the_field_rotates_with_the_ego_frame():
     yaw_rad = 2.0
     straight = drive(DogmaFlow(config(), grid=GRID))
     turned = drive(DogmaFlow(config(), grid=GRID), yaw_rad=yaw_rad)
@@ -110,15 +110,15 @@ def test_reset_begins_anew_and_pairs_may_skip_sweeps():
     )
 
 
-def test_silence_of_static_cells():
-    readout = {"silence_static": True}
+def test_static_cells_may_be_reported_as_zero():
+    readout = {"zero_static": True}
     source = DogmaFlow(config(readout=readout), grid=GRID)
     field = drive(source, 6, speed_mps=0.0)
     assert field.valid.sum() > 5
     assert not field.velocity_mps.any()
 
 
-def test_an_empty_sweep_is_an_empty_field_and_the_map_lives_on():
+def test_an_empty_sweep_gives_an_empty_field_and_the_map_is_kept():
     source = DogmaFlow(config(), grid=GRID)
     drive(source)
     gone = source.estimate(sweep(10), sweep(11, empty=True))
@@ -163,7 +163,7 @@ def test_a_jump_is_refused_and_changes_nothing(late, message):
 @pytest.mark.parametrize(
     "late", [sweep(33, speed_mps=0.0), jumped(4, 100.0)], ids=["3 s gap", "100 m jump"]
 )
-def test_a_jump_may_begin_a_new_map(late):
+def test_a_jump_may_start_a_new_map(late):
     source = DogmaFlow(config(continuity={"on_jump": "restart"}), grid=GRID)
     drive(source, 4)
     field = source.estimate(sweep(3), late)
@@ -171,7 +171,7 @@ def test_a_jump_may_begin_a_new_map(late):
     assert not field.valid.any()
 
 
-def test_a_pipeline_goes_on_behind_a_gap():
+def test_a_pipeline_continues_after_a_gap():
     few = ("flow.filter.particles=2000", "flow.filter.births=200", "flow.threads=1")
     pipeline = Pipeline.from_config("demo", "flow=dogma", "objects=clusters", *few)
     measured = []

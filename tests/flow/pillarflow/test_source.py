@@ -95,14 +95,14 @@ def test_features_of_the_earlier_sweep_are_reused_to_the_bit(file: Path) -> None
     drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(3)]
     continued, fresh = _source(file), _source(file)
     continued.estimate(drive[0], drive[1])
-    image = continued.stages.work_on(drive[1]).image
+    image = continued.stages.features_of(drive[1]).image
     one, two = continued.estimate(drive[1], drive[2]), fresh.estimate(drive[1], drive[2])
-    assert continued.stages.work_on(drive[1]).image is image
+    assert continued.stages.features_of(drive[1]).image is image
     assert np.array_equal(one.velocity_mps, two.velocity_mps)
     assert np.array_equal(one.covariance_m2ps2, two.covariance_m2ps2)
     assert np.array_equal(one.valid, two.valid)
     continued.reset()
-    assert continued.stages.work_on(drive[1]).image is not image
+    assert continued.stages.features_of(drive[1]).image is not image
 
 
 def test_half_the_time_is_twice_the_velocity(file: Path) -> None:

@@ -9,17 +9,22 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from mottrack.core import InputError
+from mottrack.trackers.fixed_lag.config import (
+    MissedMotionConfig,
+    MotionModelConfig,
+    RobustConfig,
+)
 from mottrack.trackers.fixed_lag.engine import FixedLagEngine
-from mottrack.trackers.fixed_lag.motion import MotionNoise, process_noise, transition
+from mottrack.trackers.fixed_lag.motion import process_noise, transition
 from mottrack.trackers.fixed_lag.nodes import NodeBatch
 from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
-from mottrack.trackers.fixed_lag.robust import Huber
+from mottrack.trackers.fixed_lag.robust import RobustWeights
 
 from .scenario import Step, scenario
 
 gtsam = pytest.importorskip("gtsam")
 GtsamEngine = pytest.importorskip("mottrack.trackers.fixed_lag.gtsam_engine").GtsamEngine
-NOISE = MotionNoise()
+NOISE = MotionModelConfig()
 
 
 def feed(engine: FixedLagEngine, step: Step) -> None:
@@ -51,12 +56,12 @@ def test_gtsam_equals_numpy(lag_ns: int, separate: bool) -> None:
 
 def test_robust_windows_are_the_same_in_both_engines() -> None:
     ours, reference = (make(NOISE, 1_000_000_000) for make in (GtsamEngine, NumpyEngine))
-    huber, solved = Huber(), 0
+    robust, solved = RobustWeights(RobustConfig(), MissedMotionConfig()), 0
     for step in scenario(60, 20, seed=3):
         counts = []
         for engine in (ours, reference):
             feed(engine, step)
-            counts.append(huber.refine(engine, step.batch.slot))
+            counts.append(robust.refine(engine, step.batch.slot))
         assert counts[0] == counts[1]
         solved += counts[0]
         assert_same(ours, reference, step.batch.slot)
@@ -155,7 +160,7 @@ def test_a_bad_track_costs_only_itself(engine: FixedLagEngine, spoil: object) ->
 def test_a_singular_chain_is_dropped_and_the_frame_retried() -> None:
     engine = GtsamEngine(NOISE, 1_000_000_000)
     engine.step(batch_of(10**9, [[0, 0], [5, 0], [9, 0]], True))
-    engine._store["root"][1, 0] = np.eye(6, 7) * [1, 1, 0, 0, 0, 0, 0]  # a position, no prior
+    engine.store["root"][1, 0] = np.eye(6, 7) * [1, 1, 0, 0, 0, 0, 0]  # a position, no prior
     weak = batch_of(11 * 10**8, [[1, 0], [6, 0], [10, 0]], False)
     taken = engine.step(weak)
     assert taken.tolist() == [True, False, True]
@@ -219,13 +224,13 @@ def test_slots_are_for_one_track_at_a_time(engine: FixedLagEngine) -> None:
 def test_an_outlier_loses_its_weight_once_the_window_knows_better(
     engine: FixedLagEngine,
 ) -> None:
-    huber = Huber()
+    robust = RobustWeights(RobustConfig(), MissedMotionConfig())
     plain = type(engine)(NOISE, 1_000_000_000)
     for k in range(8):
         x = 3.0 if k == 4 else 0.0
         for each in (engine, plain):
             batch = batch_of((10 + k) * 10**8, [[x, 0]], k == 0)
             each.step(replace(batch, innovation=np.array([[9.0 * (k == 4), 0.0]])))
-        huber.refine(engine, np.array([0]))
+        robust.refine(engine, np.array([0]))
     assert np.abs(engine.smooth(0).mean[:, 0]).max() < 0.25
     assert np.abs(plain.smooth(0).mean[:, 0]).max() > 0.5

@@ -25,7 +25,7 @@ from mottrack.flow.pillarflow.pillars import (
     visibility_shares,
 )
 from mottrack.flow.stages import Stages, StagesConfig
-from mottrack.flow.sweep_pair.obstacle_points import GroundStage
+from mottrack.flow.sweep_pair import GroundStage
 from mottrack.lidar.in_boxes import points_in_boxes
 
 EXAMPLE_GRID = BevGrid(cell_m=0.5)

@@ -1,1 +1,0 @@
-"""Two sweeps prepared for a flow estimator, and the work on one sweep that the next pair reuses."""

@@ -1,0 +1,109 @@
+"""A finished run with its results and scores, each read or computed once, when first needed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from mottrack.core.result import SceneResult
+from mottrack.eval.memo import Memo
+from mottrack.eval.scores import ScoreConfig, Scores, score
+from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
+from mottrack.experiment.experiment import Experiment
+from mottrack.experiment.overrides import GROUPS
+from mottrack.pipeline.latency import LatencyReport, StepTimes
+from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.runner import RunReport
+
+
+@dataclass(frozen=True)
+class ScoredRun:
+    """One experiment after it has run: its configuration, its results and what they amount to.
+
+    A stored result that is damaged raises ResultError where it is first needed.
+    """
+
+    experiment: Experiment
+    folder: RunFolder
+    report: RunReport
+    memo: Memo = field(default_factory=Memo, init=False, repr=False, compare=False)
+    """Intermediate values of the metrics, shared by all evaluations of the run."""
+    _results: dict[str, SceneResult] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    @property
+    def title(self) -> str:
+        """Name of the run in tables."""
+        return self.experiment.title
+
+    @property
+    def dataset(self) -> str:
+        """Kind of the data set: scenes of the same name are the same only within one."""
+        return self.experiment.dataset.kind
+
+    @property
+    def finished(self) -> tuple[str, ...]:
+        """Names of the scenes with a result."""
+        return self.report.finished
+
+    @property
+    def config(self) -> ScoreConfig:
+        """How its boxes are matched."""
+        return self.experiment.settings.scores
+
+    def load(self, scene: str) -> SceneResult:
+        """Return the result of a finished scene with its timings; read it the first time.
+
+        Raises:
+            ResultError: it is missing or damaged.
+        """
+        if scene not in self._results:
+            self._results[scene] = self.folder.load(scene)
+        return self._results[scene]
+
+    @property
+    def results(self) -> list[SceneResult]:
+        """Results of all finished scenes."""
+        return [self.load(scene) for scene in self.finished]
+
+    @cached_property
+    def scores(self) -> Scores:
+        """Scores over all finished scenes."""
+        return score(self.results, self.config, self.memo)
+
+    @cached_property
+    def stage_ms(self) -> dict[str, float]:
+        """Mean wall time of each stage per key frame, milliseconds."""
+        results = self.results
+        stages = dict.fromkeys(stage for result in results for stage in result.timings_s)
+        frames = max(sum(len(result.frames) for result in results), 1)
+        totals = {s: sum(np.sum(r.timings_s.get(s, 0.0)) for r in results) for s in stages}
+        return {stage: 1e3 * float(total) / frames for stage, total in totals.items()}
+
+    @cached_property
+    def latency(self) -> LatencyReport | None:
+        """Of every step against the time between two sweeps; None where it was not stored."""
+        times = [times for scene in self.finished if (times := self.folder.times(scene))]
+        return StepTimes.joined(times).report() if times else None
+
+    def velocity_error(self, row: str) -> ErrorRow:
+        """Return one row of the velocity table; one without tracks if the run has none of it."""
+        return self.scores.velocity.get(row, NO_ROWS)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data for scores.json."""
+        kinds = {g: part.kind for g, part in zip(GROUPS, self.experiment.parts, strict=True)}
+        return {
+            "variant": self.experiment.variant,
+            **kinds,
+            "config_hash": self.experiment.hash,
+            "scenes": list(self.finished),
+            "failed": self.report.failed,
+            "stage_ms": self.stage_ms,
+            "latency": None if self.latency is None else asdict(self.latency),
+            "metrics": self.scores.as_dict(),
+        }
