@@ -48,7 +48,7 @@ def as_array(
         raise
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
-    if array.shape == (0,) and len(shape) > 1 and shape[0] is None and None not in shape[1:]:
+    if array.shape == (0,) and len(shape) > 1 and shape[0] in (None, 0) and None not in shape[1:]:
         array = array.reshape(0, *shape[1:])  # an empty list: no rows
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)

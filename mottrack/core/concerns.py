@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mottrack.core.errors import MottrackError
@@ -24,6 +24,15 @@ class Concern:
 
     def __str__(self) -> str:
         return printable(f"{self.kind}: {self.count}, first {self.example}", MAX_MESSAGE)
+
+
+def summary(found: Sequence[tuple[str, Concern]]) -> str:
+    """Return one line for the concerns of a kind in several scenes, each given with its scene."""
+    scene, first = found[0]
+    count = sum(concern.count for _, concern in found)
+    scenes = f"{len(found)} scene{'s' if len(found) > 1 else ''}"
+    text = f"{first.kind}: {count} in {scenes}, first in {scene} {first.example}"
+    return printable(text, MAX_MESSAGE)
 
 
 class ConcernError(MottrackError):

@@ -50,5 +50,7 @@ MAX_TEXT_BYTES = Limit("MOTTRACK_MAX_TEXT_BYTES", 1 << 30)
 """Of a text file that is read whole: 1 GiB, ten million labelled boxes."""
 MAX_ARRAY_BYTES = Limit("MOTTRACK_MAX_ARRAY_BYTES", 1 << 30)
 """Of one array of an npy or npz file, unpacked: 1 GiB."""
+MAX_NODES = Limit("MOTTRACK_MAX_NODES", 20_000)
+"""Values of a YAML file with its aliases written out: settings have some hundreds."""
 MAX_RECORD_BYTES = Limit("MOTTRACK_MAX_RECORD_BYTES", 1 << 28)
 """Of a block of a log, unpacked: 256 MiB; recorders make blocks of about one."""

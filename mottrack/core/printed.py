@@ -32,6 +32,15 @@ def shown(value: object, most: int = MAX_SHOWN) -> str:
     return printable(text, most)
 
 
+def quoted(value: object, most: int = MAX_SHOWN) -> str:
+    """Return a value as Python writes it, texts in quotation marks, likewise cut."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        return shown(value, most)
+    return printable(text, most)
+
+
 def _escaped(character: str) -> str:
     code = ord(character)
     if code < 0x100:

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import ConfigError, DataError, Dataset, Frame, MottrackError, Scene, Sweep
-from mottrack.core.concerns import Concern
-from mottrack.core.printed import MAX_MESSAGE, printable
+from mottrack.core.concerns import Concern, summary
 from mottrack.core.processes import end_with_parent
 from mottrack.core.sweep import seconds_between
 from mottrack.datasets.plausibility.motion import MAX_SPEED_MPS
@@ -104,11 +103,7 @@ class CheckResult:
         by_kind: dict[str, list[tuple[str, Concern]]] = {}
         for scene, concern in self.concerns:
             by_kind.setdefault(concern.kind, []).append((scene, concern))
-        for kind, found in by_kind.items():
-            scene, first = found[0]
-            count = sum(concern.count for _, concern in found)
-            text = f"warning: {kind}: {count} in {len(found)} scenes"
-            yield printable(f"{text}, first in {scene}: {first.example}", MAX_MESSAGE)
+        yield from (f"warning: {summary(found)}" for found in by_kind.values())
 
 
 def kind_of_folder(root: Path) -> str:

@@ -118,7 +118,8 @@ def concerns(truth: MotBoxes, tracks: MotBoxes, paths: tuple[Path, Path]) -> Ite
         yield from _at(path, boxes, boxes.id < 0, "ids below 0")
         yield from _at(path, boxes, boxes.frame < 1, "frames below 1, where counting begins")
     if len(truth) and len(tracks):
-        outside: Mask = (tracks.frame < truth.frame[0]) | (tracks.frame > truth.frame[-1])
+        first, last = int(truth.frame[0]), int(truth.frame[-1])
+        outside: Mask = np.logical_or(tracks.frame < first, tracks.frame > last)
         yield from _at(tracks_path, tracks, outside, "tracks outside the frames of the truth")
 
 

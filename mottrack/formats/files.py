@@ -40,10 +40,11 @@ def inside(root: Path, relative: str, *, follow_links: bool = False) -> Path:
 def _require_possible_name(root: Path, relative: str) -> None:
     """Refuse what no file system takes: a NUL, half a surrogate pair, a part that is too long."""
     try:
-        parts = os.fsencode(relative).split(os.fsencode(os.sep))
+        name = os.fsencode(relative)
     except UnicodeEncodeError as error:
         raise DataError(root, "path", relative, "text that is whole Unicode") from error
-    if "\0" in relative or max(map(len, parts)) > NAME_MAX or sum(map(len, parts)) > PATH_MAX:
+    longest = max(map(len, name.split(os.fsencode(os.sep))))
+    if b"\0" in name or longest > NAME_MAX or len(name) > PATH_MAX:
         raise OutsideRootError(root, "path", relative, "a path inside the data root")
 
 

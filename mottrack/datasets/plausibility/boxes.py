@@ -24,7 +24,7 @@ REUSED_AFTER_S, REUSED_FROM_M = 10.0, 50.0
 
 def box_concerns(scene: SeenScene) -> Iterator[Concern]:
     """Yield what is unlikely in the boxes of a scene."""
-    for what, boxes in (("annotations", scene.truth), ("detections", scene.detections)):
+    for what, boxes in (("annotations", scene.truth.boxes), (scene.found_name, scene.found)):
         if len(boxes):
             yield from _far(scene, boxes, what)
             yield from _labels(scene, boxes, what)
@@ -44,7 +44,7 @@ def _far(scene: SeenScene, boxes: SeenBoxes, what: str) -> Iterator[Concern]:
 
 def _labels(scene: SeenScene, boxes: SeenBoxes, what: str) -> Iterator[Concern]:
     """Labels that are not scored are usual; not so if all are, or if one is misspelt."""
-    left_out = ~np.isin(boxes.label, scene.classes)
+    left_out = ~np.isin(boxes.label, scene.classes or boxes.label)
     counts = Counter(boxes.label[left_out].tolist())
     misspelt = [label for label in counts if _meant(label, scene.classes)]
     if left_out.all() or misspelt:
@@ -73,39 +73,39 @@ def _duplicates(scene: SeenScene, boxes: SeenBoxes, what: str) -> Iterator[Conce
 
 
 def _identities(scene: SeenScene) -> Iterator[Concern]:
-    truth = scene.truth
-    order = np.lexsort((truth.frame, scene.identity))
-    same = np.diff(scene.identity[order]) == 0
+    boxes, identity = scene.truth.boxes, scene.truth.identity
+    order = np.lexsort((boxes.frame, identity))
+    same = np.diff(identity[order]) == 0
     before, after = order[:-1][same], order[1:][same]
-    changed = truth.label[before] != truth.label[after]
+    changed = boxes.label[before] != boxes.label[after]
     kind = "identities that change their class"
-    yield from scene.concern(kind, changed, truth.frame[after], "")
-    gap_s = (scene.stamp_ns[truth.frame[after]] - scene.stamp_ns[truth.frame[before]]) * 1e-9
-    moved_m = np.linalg.norm(truth.centre_m[after] - truth.centre_m[before], axis=1)
+    yield from scene.concern(kind, changed, boxes.frame[after], "")
+    gap_s = (scene.stamp_ns[boxes.frame[after]] - scene.stamp_ns[boxes.frame[before]]) * 1e-9
+    moved_m = np.linalg.norm(boxes.centre_m[after] - boxes.centre_m[before], axis=1)
     reused = (gap_s > REUSED_AFTER_S) & (moved_m > REUSED_FROM_M)
     text = f"gone for over {REUSED_AFTER_S:g} s and back {REUSED_FROM_M:g} m away"
-    yield from scene.concern("identities used again", reused, truth.frame[after], text)
+    yield from scene.concern("identities used again", reused, boxes.frame[after], text)
 
 
 def _empty(scene: SeenScene) -> Iterator[Concern]:
-    counts = [truth.num_points for truth in scene.truths if truth is not None]
-    points = np.concatenate([np.zeros(0, np.int64), *counts])
-    known, empty = points >= 0, points == 0
+    known, empty = scene.truth.points >= 0, scene.truth.points == 0
     if known.sum() >= FEWEST and empty.sum() > known.sum() / 2:
         text = f"of {known.sum()} by the labels' own count"
-        yield from scene.concern("annotations without a return", empty, scene.truth.frame, text)
+        kind = "annotations without a return"
+        yield from scene.concern(kind, empty, scene.truth.boxes.frame, text)
 
 
 def _holes(scene: SeenScene) -> Iterator[Concern]:
     """Find long stretches without detections in a scene that has some."""
-    keys = np.array([index for index, frame in enumerate(scene.frames) if frame.is_key], np.int64)
-    if not len(scene.detections) or not len(keys):
+    keys = np.flatnonzero(scene.is_key)
+    if not len(scene.found) or not len(keys):
         return
-    none = ~np.isin(keys, scene.detections.frame)
+    none = ~np.isin(keys, scene.found.frame)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], none.astype(np.int8), [0]])))
     for first, end in edges.reshape(-1, 2).tolist():
         if end - first >= max(SHORTEST_HOLE_FRAMES, SHORTEST_HOLE_SHARE * len(keys)):
             hole = np.zeros(len(keys), dtype=bool)
             hole[first:end] = True
             text = f"of {len(keys)} key frames"
-            yield from scene.concern("key frames in a row without a detection", hole, keys, text)
+            kind = f"key frames in a row without {scene.found_name}"
+            yield from scene.concern(kind, hole, keys, text)

@@ -62,7 +62,7 @@ def _vehicle(scene: SeenScene, step_s: F64, frame: I64) -> Iterator[Concern]:
 
 
 def _headings(scene: SeenScene) -> Iterator[Concern]:
-    truth, velocity = scene.truth, scene.velocity_mps
+    truth, velocity = scene.truth.boxes, scene.truth.velocity_mps
     speed = np.hypot(*velocity.T)
     jumps = speed > MAX_SPEED_MPS
     text = f"over {MAX_SPEED_MPS:g} m/s between annotations"
@@ -79,8 +79,9 @@ def _headings(scene: SeenScene) -> Iterator[Concern]:
         if moving.sum() >= FEWEST and wrong.sum() > moving.sum() / 2:
             text = f"of {moving.sum()} moving boxes (another zero or sense of the angle?)"
             yield from scene.concern(kind, wrong, truth.frame, text)
-    yaw = scene.detections.yaw_rad
+    yaw = scene.found.yaw_rad
     if len(yaw) >= FEWEST and np.ptp(yaw) < 1e-9:  # not even noise
         same = np.ones(len(yaw), dtype=bool)
         text = f"all {yaw[0]:.3f} rad in the world (is the quaternion x, y, z, w?)"
-        yield from scene.concern("detections of one heading", same, scene.detections.frame, text)
+        kind = f"{scene.found_name} of one heading"
+        yield from scene.concern(kind, same, scene.found.frame, text)

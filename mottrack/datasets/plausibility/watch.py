@@ -15,6 +15,12 @@ NEAR_M = 40.0
 """Within it a box of a data set's class holds returns unless something hides it."""
 
 
+def scene_concerns(scene: SeenScene) -> list[Concern]:
+    """Return what is unlikely in a scene."""
+    moving = motion_concerns(scene) if len(scene.stamp_ns) > 1 else ()
+    return [*moving, *box_concerns(scene)]
+
+
 class SceneWatch:
     """Gathers the frames of a scene, and how many of its boxes hold returns."""
 
@@ -36,10 +42,7 @@ class SceneWatch:
         """Return what is unlikely in the frames so far."""
         found = list(self._left_out)
         if self._frames:
-            scene = SeenScene(self._frames, self._classes)
-            if len(self._frames) > 1:
-                found += motion_concerns(scene)
-            found += box_concerns(scene)
+            found += scene_concerns(SeenScene.of_frames(self._frames, self._classes))
             found += self._without_returns()
         return found
 
