@@ -54,8 +54,10 @@ class SceneCheck:
     missing_sweeps: list[str] = field(default_factory=list)
 
     def add(self, kind: str, text: str) -> None:
-        """Note a fault."""
-        self.findings.append(Finding(kind, self.name, text))
+        """Note a fault; one that comes back with every frame, as of a whole file, once."""
+        finding = Finding(kind, self.name, text)
+        if finding not in self.findings[-SHOWN:]:
+            self.findings.append(finding)
 
     def add_error(self, error: MottrackError) -> None:
         """Note a fault that a reader raised."""

@@ -115,7 +115,8 @@ def _common_length(
     for number, row in zip(numbers, fields, strict=True):
         if not least <= len(row) <= most:
             names = f"{columns[0].name} .. {columns[least - 1].name}"
-            expected = f"{least} values ({names})" + _comma_hint(row)
+            hint = "; a decimal comma makes two values of one" if len(row) > most else ""
+            expected = f"{least} values ({names}){hint or _comma_hint(row)}"
             raise DataError(path, f"line {number}", f"{len(row)} values", expected)
         if len(row) != count:
             expected = f"{count} as in line {numbers[0]}"

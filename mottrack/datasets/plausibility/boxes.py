@@ -18,6 +18,8 @@ SAME_PLACE_M = 1e-4
 """Closer, two boxes are one that was written twice: text files have four decimals at most."""
 SHORTEST_HOLE_FRAMES, SHORTEST_HOLE_SHARE = 10, 0.25
 """Key frames in a row without any detection that a detector hardly leaves, and their share."""
+EMPTY_SHARE = 0.9
+"""Of annotated boxes: far and hidden ones hold no return, in the embedded world six of ten."""
 REUSED_AFTER_S, REUSED_FROM_M = 10.0, 50.0
 """An identity that comes back so much later and so far away is another object."""
 
@@ -89,7 +91,7 @@ def _identities(scene: SeenScene) -> Iterator[Concern]:
 
 def _empty(scene: SeenScene) -> Iterator[Concern]:
     known, empty = scene.truth.points >= 0, scene.truth.points == 0
-    if known.sum() >= FEWEST and empty.sum() > known.sum() / 2:
+    if known.sum() >= FEWEST and empty.sum() > EMPTY_SHARE * known.sum():
         text = f"of {known.sum()} by the labels' own count"
         kind = "annotations without a return"
         yield from scene.concern(kind, empty, scene.truth.boxes.frame, text)

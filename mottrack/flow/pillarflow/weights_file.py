@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
@@ -76,12 +77,18 @@ def load_weights(file: Path) -> Weights:
         calibration = _calibration(header)
         ground_removed = bool(json.loads(header["ground_removed"]))
     except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DataError(file, "content", reason, "weights written by mottrack") from error
+        raise DataError(file, "content", _reason(error), "weights written by mottrack") from error
     _require_undamaged(file, header, state)
     network = PillarFlowNet(config)
     copy_tensors(file, network.state_dict(), state)
     return Weights(network.eval(), calibration, ground_removed)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def _require_layout(file: Path, handle: Any, config: NetworkConfig) -> None:
