@@ -38,10 +38,12 @@ def as_array(
         InputError: naming the field, with the actual and the expected shape, or with the first
             entry that is no whole number where integers are expected, no text where labels are.
     """
-    _refuse_masked(field, value)
     try:
         given = np.asarray(value)
-        _require_kind(field, given, np.dtype(dtype))
+        if given is not value:
+            _refuse_masked(field, value)
+        if given.dtype != dtype:
+            _require_kind(field, given, np.dtype(dtype))
         with np.errstate(invalid="ignore", over="ignore"):
             array = given if given.dtype == dtype else given.astype(dtype, copy=False)
     except InputError:
@@ -71,7 +73,7 @@ def _refuse_masked(field: str, value: object) -> None:
 
 def _require_kind(field: str, given: NDArray[Any], dtype: np.dtype[Any]) -> None:
     """Refuse what numpy converts although it means something else: text to numbers or truth."""
-    if given.dtype == dtype or given.size == 0:
+    if given.size == 0:
         return
     texts = given.dtype.kind in "US" or (
         given.dtype.kind == "O" and any(isinstance(item, str | bytes) for item in given.flat)

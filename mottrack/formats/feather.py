@@ -131,9 +131,9 @@ def _texts(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
         raise DataError(path, column.name, f"unreadable ({error})", "text") from error
     if not all(isinstance(value, str) for value in strings):
         raise DataError(path, column.name, str(values.type), "text")
-    for row, text in enumerate(strings):
-        if not text.isprintable():
-            raise DataError(path, _place(column.name, row), text, column.expected)
+    if not "".join(strings).isprintable():
+        row, text = next((i, text) for i, text in enumerate(strings) if not text.isprintable())
+        raise DataError(path, _place(column.name, row), text, column.expected)
     return column.array(strings)
 
 

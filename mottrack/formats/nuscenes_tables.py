@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,10 @@ def json_arrays(
     """
     arrays = {}
     for spec in specs:
-        values = [row.get(spec.name) for row in rows]
+        try:
+            values = list(map(itemgetter(spec.name), rows))
+        except KeyError:
+            values = [row.get(spec.name) for row in rows]
         array = json_array(values, spec)
         if array is None:
             bad = next(i for i, value in enumerate(values) if json_array([value], spec) is None)
@@ -123,9 +127,12 @@ def json_arrays(
 
 def _encoded_texts(values: list[Any]) -> NDArray[np.bytes_] | None:
     # half a surrogate pair is not printable, nor is a NUL, which numpy would drop from the end
-    if not all(isinstance(value, str) and value.isprintable() for value in values):
+    try:
+        if not all(map(str.isprintable, values)):
+            return None
+    except TypeError:
         return None
-    return np.array([value.encode() for value in values], np.bytes_)
+    return np.array(list(map(str.encode, values)), np.bytes_)
 
 
 def json_array(values: list[Any], spec: ColumnSpec) -> NDArray[Any] | None:

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -30,6 +31,15 @@ class Thinned(NamedTuple):
 
     text: bytes
     dropped: int
+    exact: bool = False
+    """Whether every record that is left has one of the wanted values."""
+
+
+class Block(NamedTuple):
+    """Records of a piece of a table."""
+
+    rows: list[Row]
+    exact: bool
 
 
 Thinning = Callable[[bytes], Thinned]
@@ -74,12 +84,12 @@ class RecordFilter:
         """
         for name, values in self.known.items():
             value = row.get(name)
-            if not isinstance(value, str) or value not in values:
+            if type(value) is not str or value not in values:
                 place = f"{name} of record {row.get('token', '?')}"
                 raise DataError(path, place, row.get(name, "missing"), "the token of a record")
         for name, values in self.wanted.items():
             value = row.get(name)
-            if not isinstance(value, str) or value not in values:
+            if type(value) is not str or value not in values:
                 return False
         return True
 
@@ -94,13 +104,16 @@ def encoded(values: Collection[str]) -> frozenset[bytes]:
 
 def wanted_records(path: Path, among: RecordFilter) -> Iterator[Row]:
     """Yield the wanted records of a table in the order of the file."""
-    for row in stream_table(path, thin=among.thinning(), count=among.count):
-        if among.holds(path, row):
-            yield row
+    further = len({*among.wanted, *among.known}) > 1
+    for block in _blocks(path, _BLOCK_BYTES, among.thinning(), among.count):
+        if further or not block.exact:
+            yield from filter(partial(among.holds, path), block.rows)
+        else:
+            yield from block.rows
 
 
 def whole(text: bytes) -> Thinned:
-    """Drop nothing."""
+    """Drop nothing; nothing is known of the records."""
     return Thinned(text, 0)
 
 
@@ -117,21 +130,25 @@ def stream_table(
     text before it is parsed, which is what costs the time. Raises DataError for anything that is
     not an array of records.
     """
+    for block in _blocks(path, block_bytes, thin, count or RecordCount()):
+        yield from block.rows
+
+
+def _blocks(path: Path, block_bytes: int, thin: Thinning, count: RecordCount) -> Iterator[Block]:
     done = 0
     rest = b""
-    count = count or RecordCount()
     with opened(path) as file:
         while block := file.read(block_bytes):
             rest += block
             cut = _last_cut(rest)
-            rows = _try_parse(_opened(rest[:cut], done) + b"]", thin, count) if cut else None
-            if rows is not None:
-                yield from rows
+            found = _try_parse(_opened(rest[:cut], done) + b"]", thin, count) if cut else None
+            if found is not None:
+                yield found
                 done += cut
                 rest = rest[cut:]
             elif len(rest) > _MAX_UNPARSED_BLOCKS * block_bytes:
                 break
-    yield from _parse(path, _Rest(rest, done), thin, count)
+    yield _parse(path, _Rest(rest, done), thin, count)
 
 
 def records_with(
@@ -152,7 +169,7 @@ def records_with(
             return whole(text)
         kept = [p.lstrip(b"[, \r\n\t") for p, v in zip(pieces, found, strict=True) if v in values]
         thinned = b"[" + b"},".join(kept) + (b"}" if kept else b"") + tail
-        return Thinned(thinned, len(pieces) - len(kept))
+        return Thinned(thinned, len(pieces) - len(kept), exact=True)
 
     return thin
 
@@ -190,7 +207,7 @@ def _opened(text: bytes, done: int) -> bytes:
     return b"[" + text.lstrip().removeprefix(b",") if done else text
 
 
-def _try_parse(text: bytes, thin: Thinning, count: RecordCount) -> list[Row] | None:
+def _try_parse(text: bytes, thin: Thinning, count: RecordCount) -> Block | None:
     """Return the records of an array, or None where the text does not end between records."""
     thinned = thin(text)
     try:
@@ -200,14 +217,14 @@ def _try_parse(text: bytes, thin: Thinning, count: RecordCount) -> list[Row] | N
     if not _is_table(rows):
         return None
     count.records += thinned.dropped + len(rows)
-    return list(rows)
+    return Block(rows, thinned.exact)
 
 
-def _parse(path: Path, rest: _Rest, thin: Thinning, count: RecordCount) -> list[Row]:
+def _parse(path: Path, rest: _Rest, thin: Thinning, count: RecordCount) -> Block:
     text = _opened(rest.text, rest.done)
-    rows = _try_parse(text, thin, count)
-    if rows is not None:
-        return rows
+    found = _try_parse(text, thin, count)
+    if found is not None:
+        return found
     try:
         orjson.loads(text)
     except orjson.JSONDecodeError as error:

@@ -112,7 +112,7 @@ def test_labels_without_the_class_are_named(tmp_path: Path) -> None:
 
 
 def test_a_sample_twice_in_a_submission(tmp_path: Path) -> None:
-    box = json.dumps({"sample_token": "t"})
+    box = json.dumps({"sample_token": "t", "tracking_id": "1"})
     path = tmp_path / "s.json"
     path.write_text(f'{{"meta": {{}}, "results": {{"t": [{box}], "t": [{box}]}}}}')
     with pytest.raises(DataError, match=r"results\[t\] is there twice"):

@@ -57,6 +57,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._types = get_typestore(Stores.ROS2_HUMBLE)
+        self._looked_at = False
 
     def times(self, topic: str, kinds: tuple[str, ...]) -> list[MessageTime]:
         """Return the times of the messages of a topic, in order of recording.
@@ -110,9 +111,11 @@ class McapFile:
     def _raw(self, topic: str, at_ns: int | None = None) -> Iterator[tuple[str, Message]]:
         """Yield the type and the message of each record of a topic, as it is stored."""
         with self._path.open("rb") as file:
-            self._require_finished(file)
             reader = make_reader(file, validate_crcs=True)
-            self._require_small_blocks(reader)
+            if not self._looked_at:
+                self._require_finished(file)
+                self._require_small_blocks(reader)
+                self._looked_at = True
             chosen = reader.iter_messages(topics=[topic], starting_at=at_ns, ending_at=at_ns)
             for schema, _, message in chosen:
                 yield "" if schema is None else schema.name, message
