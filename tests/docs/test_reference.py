@@ -22,7 +22,7 @@ def test_every_plugin_and_every_key_is_documented() -> None:
             assert entry.summary in page
             for row in fields.rows(configuration.model_of(entry), f"{group}."):
                 assert f"| `{row.key}` |" in page
-    assert "| `tracker.track_management.confirm_s` | number, ≥&nbsp;0 | `0.25` |" in page
+    assert "| `tracker.track_management.max_coast_s` | number, ≥&nbsp;0 | `6` |" in page
     assert "| `pair_s` | number, >&nbsp;0, ≤&nbsp;0.3 | `0.1` |" in page
 
 

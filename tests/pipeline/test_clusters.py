@@ -44,7 +44,7 @@ def test_the_fixed_lag_tracker_runs_on_boxes() -> None:
 
 
 def test_the_kalman_tracker_runs_on_clusters_and_keeps_their_hulls() -> None:
-    coast = "tracker.track_management.output_coast_s=0.3"
+    coast = "tracker.track_management.min_presence=0.1"
     result = ran("flow=ground_truth", "tracker=kalman", coast)
     tracks = result.tracks
     assert 0.5 < tracks.observed.mean() < 1.0  # coasting tracks carry their last hull

@@ -47,6 +47,7 @@ def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker
             "max_coast_s": factor * config.track_management.max_coast_s,
             "output_coast_s": factor * config.track_management.output_coast_s,
             "decay_per_s": config.track_management.decay_per_s ** (1 / factor),
+            "mean_life_s": factor * config.track_management.mean_life_s,
         }
     )
     speeds = {n: getattr(config.velocity, n) / factor for n in ("floor_mps", "outlier_sigma_mps")}

@@ -7,6 +7,7 @@ from pydantic import ValidationError
 from mottrack.core.errors import ConfigError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.trackers import TRACKERS, KalmanTracker
+from mottrack.trackers.kalman.clutter import ClutterDensity
 
 Config = KalmanTracker.Config
 
@@ -62,10 +63,11 @@ def test_names_of_tables_and_engines_are_checked() -> None:
 
 
 def test_a_track_is_confirmed_after_a_quarter_of_a_second_at_any_rate() -> None:
+    counters = Config(track_management={"rule": "counters", "confirm_s": 0.25})
     for rate, first in ((2, 1), (4, 2), (10, 3), (20, 6)):
         empty = [cars(k / rate, [], []) for k in range(10)]
         seen = [cars((10 + k) / rate, [0.0], [0.9]) for k in range(8)]
-        steps = run(KalmanTracker(), empty + seen)
+        steps = run(KalmanTracker(counters), empty + seen)
         assert [len(s) for s in steps[10:]] == [0] * (first - 1) + [1] * (9 - first)
 
 
@@ -75,19 +77,52 @@ def test_two_steps_close_together_hide_no_track() -> None:
     assert [len(s) for s in run(KalmanTracker(), frames)][2:] == [1] * 9
 
 
-def test_coasting_is_earned_limited_and_said() -> None:
+def test_an_unseen_object_leaves_the_output_and_returns_with_its_id() -> None:
     frames = [cars(0.1 * k, [0.5 * k], [0.8]) for k in range(20)]
     frames += [cars(0.1 * k, [], []) for k in range(20, 60)]
     steps = run(KalmanTracker(), frames)
     shown = [k for k, s in enumerate(steps) if len(s)]
-    assert shown[-1] == 25
-    assert not steps[22].observed[0]
-    assert steps[22].score[0] < steps[19].score[0]
-    assert steps[25].centre_m[0, 0] == pytest.approx(12.5, abs=0.3)
+    assert shown[-1] == 21
+    assert not steps[21].observed[0]
+    assert steps[21].centre_m[0, 0] == pytest.approx(10.5, abs=0.3)
     back = run(KalmanTracker(), [*frames[:30], cars(3.0, [15.0], [0.8])])
     assert back[-1].id.tolist() == [1]
     gone = run(KalmanTracker(), [*frames, cars(6.0, [30.0], [0.8])])
     assert gone[-1].id.tolist() != [1]
+
+
+def test_presence_is_that_of_the_bernoulli_filter() -> None:
+    management = KalmanTracker.Config().track_management
+    frames = [cars(0.5 * k, [0.0], [0.8]) for k in range(3)]
+    frames += [cars(0.5 * k, [], []) for k in range(3, 5)]
+    presence, scores = management.p_present, []
+    for _ in range(2):
+        predicted = presence * np.exp(-0.5 / management.mean_life_s)
+        missed = 1.0 - management.p_detection
+        presence = predicted * missed / (1.0 - predicted * management.p_detection)
+        scores.append(0.8 * presence * 3 / (3 + management.prior_misses))
+    found = [s.score[0] for s in run(KalmanTracker(), frames)[3:]]
+    np.testing.assert_allclose(found, scores, rtol=1e-12)
+
+
+def test_negative_scores_fall_as_well_while_a_track_coasts() -> None:
+    frames = [cars(0.5 * k, [0.0], [-0.5]) for k in range(3)] + [cars(1.5, [], [])]
+    score = [float(s.score[0]) for s in run(KalmanTracker(), frames)]
+    assert score[0] < score[1] < score[2]
+    assert score[3] < score[0]
+
+
+def test_clutter_density_is_the_posterior_mean_of_a_poisson_rate() -> None:
+    config = KalmanTracker.Config().association
+    density, area_m2 = ClutterDensity(config), 1e4
+    for _ in range(40):
+        density.record(np.zeros(12, np.int64), 2, area_m2)
+    gates = density.nll_gate(["car", "truck"], area_m2)
+    prior, frames = config.clutter_density_per_m2, config.clutter_prior_frames
+    assert prior is not None
+    rates = np.array([40 * 12 + prior * frames * area_m2, prior * frames * area_m2])
+    expected = config.clutter_concentration * rates / ((40 + frames) * area_m2)
+    np.testing.assert_allclose(np.exp(-0.5 * gates), expected, rtol=1e-12)
 
 
 def test_a_heading_is_turned_by_vote_not_by_one_detection() -> None:
@@ -121,7 +156,9 @@ def test_scores_are_last_mean_or_belief() -> None:
     frames = [cars(0.5 * k, [0.0], [s]) for k, s in enumerate((0.9, 0.5, 0.4))]
     expected = {"last": 0.4, "mean": 0.6, "confidence": 1 - 0.1 * 0.5 * 0.6}
     for kind, value in expected.items():
-        steps = run(KalmanTracker(Config(track_management={"score": kind})), frames)
+        steps = run(
+            KalmanTracker(Config(track_management={"rule": "counters", "score": kind})), frames
+        )
         assert steps[-1].score[0] == pytest.approx(value)
 
 

@@ -29,7 +29,7 @@ def car(k: int, rng: np.random.Generator) -> Objects:
 
 @pytest.fixture(scope="module")
 def steps() -> list[Tracks]:
-    """One car, unseen from step 20 to step 29; it is put out while it coasts up to 0.6 s."""
+    """One car, unseen from step 20 to step 29."""
     rng = np.random.default_rng(0)
     tracker = KalmanTracker()
     out = []

@@ -108,6 +108,15 @@ class AssociationConfig(StrictModel):
         default_factory=dict,
         description="that density by class, where `clutter_density_per_m2` is given",
     )
+    estimate_clutter: bool = Field(
+        False, description="estimate that density while tracking; the settings are its prior"
+    )
+    clutter_prior_frames: float = Field(
+        5.0, gt=0, description="weight of the prior, in frames of the area that detections span"
+    )
+    clutter_concentration: float = Field(
+        3.0, gt=0, description="density around an object over the average: objects stand in groups"
+    )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
     velocity_limit: float | None = Field(
         None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"
@@ -217,20 +226,12 @@ PRESETS: dict[str, dict[str, Any]] = {
         "association": {
             "components": "xy",
             "gate": 5.0,
-            # road users of one class in a crowded street; vehicles need more room (docs/tracker.md)
-            "clutter_density_per_m2": 0.01,
-            "class_clutter_density_per_m2": dict.fromkeys(
-                ("car", "truck", "bus", "trailer"), 0.004
-            ),
+            # 20 new road users of a class on 100 m x 100 m: a prior that five frames replace
+            "clutter_density_per_m2": 0.002,
+            "estimate_clutter": True,
         },
         "nms": {"enabled": True},
-        "track_management": {
-            "confirm_s": 0.25,
-            "max_coast_s": 1.5,
-            "output_coast_s": 0.6,
-            "coast_at_most_age": True,
-            "decay_per_s": 0.5,
-        },
+        "track_management": {"rule": "existence", "max_misses": 5, "max_coast_s": 6.0},
     },
     "stanford_iprl_tri": _PUBLISHED,
     "pillarflow": _PUBLISHED | {"velocity": {"use": True, "birth": "replace"}},

@@ -16,7 +16,7 @@ from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 from mottrack.geometry.iou import bev_iou_of_pairs
 from mottrack.geometry.two_by_two import density_2x2
 from mottrack.trackers.association import candidate_pairs
-from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig, NmsConfig
+from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
 from mottrack.trackers.kalman.noise import (
     NoiseTable,
     initial_velocity_covariance,
@@ -44,7 +44,7 @@ class Detections:
     clutter_likelihood: F64
     """(N,) density of the velocity of an object without a track, failures included."""
     nll_gate: F64
-    """(N,) -2 ln lambda: a pair with a higher -2 ln likelihood is likelier clutter; else inf."""
+    """(N,) -2 ln lambda: a pair with a higher -2 ln likelihood is likelier clutter (`clutter`)."""
     has_velocity: Mask
     """(N,) whether the velocity was measured."""
     label: I64
@@ -102,7 +102,7 @@ def observations_of(
         velocity_covariance=covariance,
         outlier_likelihood=outlier,
         clutter_likelihood=clutter,
-        nll_gate=_nll_gate(config.association, table.labels)[label],
+        nll_gate=np.full(len(rows), np.inf),
         has_velocity=measured.valid,
         label=label,
         score=objects.score[rows],
@@ -158,15 +158,6 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
     for winner, loser in zip(better[covered].tolist(), worse[covered].tolist(), strict=True):
         kept[loser] &= not kept[winner]
     return np.sort(order[kept])
-
-
-def _nll_gate(config: AssociationConfig, labels: list[str]) -> F64:
-    """Return -2 ln lambda of each class, (C,)."""
-    default = config.clutter_density_per_m2
-    if default is None:
-        return np.full(len(labels), np.inf)
-    density = [config.class_clutter_density_per_m2.get(name, default) for name in labels]
-    return -2.0 * np.log(np.array(density, np.float64))
 
 
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:

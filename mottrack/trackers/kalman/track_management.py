@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
+from typing_extensions import override
 
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Mask
@@ -15,9 +16,34 @@ ROUNDING = 1e-6
 """Added to a quotient of times: 0.3 s are three steps of 0.1 s, whatever the quotient rounds to."""
 
 
+COUNTERS = {
+    "min_hits",
+    "confirm_s",
+    "output_misses",
+    "output_coast_s",
+    "coast_at_most_age",
+    "undetected_classes",
+    "score",
+    "decay_per_s",
+}
+EXISTENCE = {
+    "p_detection",
+    "p_present",
+    "mean_life_s",
+    "min_presence",
+    "misses_per_hit",
+    "prior_misses",
+}
+"""Settings that one rule alone reads."""
+
+
 class TrackManagementConfig(StrictModel):
     """Initiation, output and deletion. A track lives while either of its two limits allows it."""
 
+    rule: Literal["counters", "existence"] = Field(
+        "counters",
+        description="counters: hits and misses; existence: probability that the object is there",
+    )
     birth_score: float | None = Field(None, description="weaker detections start no track")
     min_hits: int = Field(1, ge=1, description="detections that confirm a track for output")
     confirm_s: float = Field(
@@ -40,6 +66,35 @@ class TrackManagementConfig(StrictModel):
     decay_per_s: float = Field(
         1.0, gt=0, le=1, description="factor on the score per second of coasting"
     )
+    p_detection: float = Field(
+        0.97, gt=0, lt=1, description="existence: probability that a present object is detected"
+    )
+    p_present: float = Field(
+        0.95, gt=0, lt=1, description="existence: that a detected object is there at the next step"
+    )
+    mean_life_s: float = Field(
+        20.0, gt=0, description="existence: mean time that an object stays within sight"
+    )
+    min_presence: float = Field(
+        0.01, ge=0, lt=1, description="existence: tracks below it are kept, but not published"
+    )
+    misses_per_hit: float = Field(
+        0.25, ge=0, description="existence: misses beyond max_misses, per detection of the track"
+    )
+    prior_misses: float = Field(
+        1.0, ge=0, description="existence: the score counts h hits as h / (h + prior_misses)"
+    )
+
+    @model_validator(mode="after")
+    def _check_rule(self) -> Self:
+        """Refuse settings of the rule that is not chosen: they would do nothing."""
+        other = COUNTERS if self.rule == "existence" else EXISTENCE
+        fields = type(self).model_fields
+        for name in sorted(other):
+            if getattr(self, name) != fields[name].default:
+                rule = "counters" if self.rule == "existence" else "existence"
+                raise ValueError(f"{name} needs rule: {rule}, the rule is {self.rule}")
+        return self
 
 
 class TrackManagement:
@@ -120,3 +175,52 @@ def record_hits(tracks: TrackRows, rows: I64, score: F64, source: I64, stamp_ns:
     tracks.confidence[rows] = 1.0 - (1.0 - tracks.confidence[rows]) * (1.0 - likely)
     tracks.seen_ns[rows] = stamp_ns
     tracks.source[rows] = source
+
+
+class ExistenceManagement(TrackManagement):
+    """Management by the probability that a track's object is there: a Bernoulli track.
+
+    A detection makes the presence r the setting `p_present`. Over a step of dt seconds without one,
+
+        r <- r exp(-dt / mean_life_s),    r / (1 - r) <- (1 - p_detection) r / (1 - r),
+
+    as in the Bernoulli filter (Vo, Vo, Mahler, 2013). The published score is the last detection's
+    times r times h / (h + prior_misses), h being the number of detections: the posterior mean of a
+    track's detection rate, so that tracks of one detection rank below longer ones, and coasted
+    boxes below detected ones. A track is kept, unpublished, for `max_misses` steps and
+    `misses_per_hit` more for each of its detections, `max_coast_s` at most: a detection where the
+    object is expected then takes it up again under the same id.
+    """
+
+    @override
+    def begin(self, tracks: TrackRows, present: I64, classes: int, elapsed_s: float) -> None:
+        """Begin a step: every track is missed, until a detection makes it present."""
+        config = self._config
+        tracks.misses += 1
+        tracks.source[:] = -1
+        presence = tracks.presence * np.exp(-elapsed_s / config.mean_life_s)
+        missed = presence * (1.0 - config.p_detection)
+        tracks.presence[:] = missed / (missed + 1.0 - presence)
+
+    @override
+    def is_published(self, tracks: TrackRows, present: I64, stamp_ns: int) -> Mask:
+        """Return which tracks are published: their objects are probable enough to be there."""
+        tracks.presence[tracks.misses == 0] = self._config.p_present
+        return tracks.presence >= self._config.min_presence
+
+    @override
+    def alive(self, tracks: TrackRows, stamp_ns: int) -> Mask:
+        """Return which tracks live on into the next step."""
+        allowed = self._config.max_misses + self._config.misses_per_hit * tracks.hits
+        return (tracks.misses <= allowed) & self._within(tracks, stamp_ns, self._config.max_coast_s)
+
+    @override
+    def score(self, tracks: TrackRows, stamp_ns: int) -> F64:
+        """Return the score of every track, by presence and number of detections."""
+        trust = tracks.presence * tracks.hits / (tracks.hits + self._config.prior_misses)
+        return tracks.score - (1.0 - trust) * np.abs(tracks.score)
+
+
+def make_management(config: TrackManagementConfig) -> TrackManagement:
+    """Return the rules that `config.rule` names."""
+    return ExistenceManagement(config) if config.rule == "existence" else TrackManagement(config)

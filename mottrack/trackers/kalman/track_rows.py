@@ -29,6 +29,8 @@ class TrackRows:
     """Whether it has ever had as many detections as confirmation takes."""
     misses: I64
     """Steps since the last detection."""
+    presence: F64
+    """Probability that the object is still there (rule "existence")."""
     born_ns: I64
     """Stamp of the first detection."""
     seen_ns: I64
@@ -70,6 +72,7 @@ def new_tracks(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackRow
         hits=np.ones(n, np.int64),
         confirmed=np.zeros(n, np.bool_),
         misses=np.zeros(n, np.int64),
+        presence=np.ones(n),
         born_ns=np.full(n, stamp_ns, np.int64),
         seen_ns=np.full(n, stamp_ns, np.int64),
         flips=np.zeros(n, np.int64),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
@@ -17,11 +19,12 @@ from mottrack.trackers.kalman.association import (
     innovation_squared,
 )
 from mottrack.trackers.kalman.bank import make_bank
+from mottrack.trackers.kalman.clutter import ClutterDensity, spanned_area_m2
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, observations_of
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
-from mottrack.trackers.kalman.track_management import TrackManagement, record_hits
+from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
 from mottrack.trackers.kalman.velocity_likelihood import static_odds
 
@@ -46,7 +49,8 @@ class KalmanTracker:
         self._table = NoiseTable(self.config.noise)
         self._bank = make_bank(self.config)
         self._tracks = TrackRows.empty()
-        self._management = TrackManagement(self.config.track_management)
+        self._management = make_management(self.config.track_management)
+        self._clutter = ClutterDensity(self.config.association)
         self._hulls = LastHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
@@ -63,7 +67,10 @@ class KalmanTracker:
         elapsed_s = self._elapsed_s(stamp_ns)
         unit_s = elapsed_s if self.config.time == "frames" else 1.0
         seen = observations_of(objects, self.config, self._table, unit_s)
-        self._stamp_ns = stamp_ns
+        area_m2 = spanned_area_m2(seen.box[:, :2])
+        gates = self._clutter.nll_gate(self._table.labels, area_m2)
+        seen = replace(seen, nll_gate=gates[seen.label])
+        first, self._stamp_ns = self._stamp_ns is None, stamp_ns
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
         process = self._table.process(tracks.label)
@@ -72,7 +79,10 @@ class KalmanTracker:
         rows, columns = self._associate(seen, np.flatnonzero(active))
         self._update(rows, columns, seen)
         record_hits(tracks, rows, seen.score[columns], seen.source[columns], stamp_ns)
-        self._initiate(np.setdiff1d(np.arange(len(seen)), columns), seen, stamp_ns)
+        unmatched = np.setdiff1d(np.arange(len(seen)), columns)
+        if not first:  # in a first frame every object is new
+            self._clutter.record(seen.label[unmatched], len(self._table.labels), area_m2)
+        self._initiate(unmatched, seen, stamp_ns)
         is_published = management.is_published(tracks, seen.label, stamp_ns)
         published = self._published(is_published, stamp_ns, unit_s)
         published = self._hulls.add_to(published, tracks, objects)

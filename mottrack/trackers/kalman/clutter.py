@@ -1,0 +1,69 @@
+"""Density of detections that no track explains, estimated by class while the tracker runs."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from mottrack.core.arrays import F64, I64
+from mottrack.trackers.kalman.config import AssociationConfig
+
+MIN_AREA_M2 = 500.0
+"""Least area of a frame: the hull of a few detections says little of what the sensor covers."""
+
+
+class ClutterDensity:
+    """New and false detections per square metre of each class (lambda of the association).
+
+    With `estimate_clutter` it is the posterior mean of a Poisson rate under a gamma prior,
+
+        lambda_c = concentration (n_c + lambda_0 A_0) / (A + A_0),
+
+    with n_c the detections of class c that no track took, A the area that the detections of each
+    frame spanned, summed over frames, and A_0 that of `clutter_prior_frames` frames. Objects stand
+    in groups, so the density around one of them is `clutter_concentration` times the average.
+    """
+
+    def __init__(self, config: AssociationConfig) -> None:
+        self._config = config
+        self._count = np.zeros(0)
+        self._area_m2 = 0.0
+
+    def nll_gate(self, labels: list[str], area_m2: float) -> F64:
+        """Return -2 ln lambda of each class (C,), above which a pair is refused.
+
+        Args:
+            labels: names of the class indices.
+            area_m2: area that this step's detections span.
+        """
+        config = self._config
+        default = config.clutter_density_per_m2
+        if default is None:
+            return np.full(len(labels), np.inf)
+        by_class = config.class_clutter_density_per_m2
+        density = np.array([by_class.get(name, default) for name in labels])
+        if config.estimate_clutter:
+            prior_m2 = config.clutter_prior_frames * area_m2
+            count = np.append(self._count, np.zeros(len(labels) - len(self._count)))
+            density = (count + density * prior_m2) / (self._area_m2 + prior_m2)
+            density *= config.clutter_concentration
+        gate: F64 = -2.0 * np.log(density)
+        return gate
+
+    def record(self, label: I64, classes: int, area_m2: float) -> None:
+        """Count the detections (n,) of a step that no track took; `label` are class indices."""
+        count = np.bincount(label, minlength=classes).astype(np.float64)
+        count[: len(self._count)] += self._count
+        self._count = count
+        self._area_m2 += area_m2
+
+
+def spanned_area_m2(xy_m: F64) -> float:
+    """Return the area of the convex hull of positions (N, 2), at least `MIN_AREA_M2`."""
+    if len(xy_m) < 3:
+        return MIN_AREA_M2
+    try:
+        # in the plane, qhull's volume is the area
+        return max(float(ConvexHull(xy_m).volume), MIN_AREA_M2)
+    except QhullError:  # all on one line
+        return MIN_AREA_M2
