@@ -114,9 +114,11 @@ def concerns(truth: MotBoxes, tracks: MotBoxes, paths: tuple[Path, Path]) -> Ite
         yield Concern("no rows", 0, f"{tracks_path}: no track at all")
     for path, boxes in ((truth_path, truth), (tracks_path, tracks)):
         flat = (boxes.box[:, 2:] <= boxes.box[:, :2]).any(axis=1)
-        yield from _at(path, boxes, flat, "boxes without an area")
+        yield from _at(path, boxes, np.asarray(flat), "boxes without an area")
         yield from _at(path, boxes, np.less(boxes.id, 0), "ids below 0")
-        yield from _at(path, boxes, boxes.frame < 1, "frames below 1, where counting begins")
+        yield from _at(
+            path, boxes, np.less(boxes.frame, 1), "frames below 1, where counting begins"
+        )
     if len(truth) and len(tracks):
         first, last = int(truth.frame[0]), int(truth.frame[-1])
         outside: Mask = np.logical_or(tracks.frame < first, tracks.frame > last)
