@@ -74,15 +74,16 @@ def test_stamps_in_place_of_frame_numbers_take_no_memory(tmp_path: Path) -> None
     assert score_files(path, path).scores.as_dict()["mota"] == 1.0
 
 
-def test_a_regular_file_is_read_as_its_lines_are(tmp_path: Path) -> None:
+def test_commas_and_white_space_are_read_alike(tmp_path: Path) -> None:
     lines = ["1,1,10,20,5,5,1,1,0.5", "2,1,11.25,20,5,5,0,7,1", "", "1,3,1e1,2,5,5,1,2,1"]
-    comma, space = tmp_path / "comma.txt", tmp_path / "space.txt"
+    comma, spaced, blank = (tmp_path / f"{name}.txt" for name in ("comma", "spaced", "blank"))
     comma.write_text("\n".join(lines))
-    space.write_text("\n".join(lines).replace(",", ", "))
-    mixed = tmp_path / "mixed.txt"
-    mixed.write_text("\n".join(lines).replace("1,3,", "1 3 "))
-    expected = read_boxes(mixed)
-    for path in (comma, space):
+    spaced.write_text("\n".join(lines).replace(",", ", "))
+    blank.write_text("\n".join(lines).replace(",", " "))
+    expected = read_boxes(comma)
+    assert expected.frame.tolist() == [1, 1, 2]
+    assert expected.kind.tolist() == [1, 2, 7]
+    for path in (spaced, blank):
         read = read_boxes(path)
         for name in read.__dataclass_fields__:
             np.testing.assert_array_equal(getattr(read, name), getattr(expected, name))

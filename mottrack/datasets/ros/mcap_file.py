@@ -123,10 +123,12 @@ class McapFile:
 
     def _require_finished(self, file: BinaryIO) -> None:
         """Refuse a log whose recorder was killed: without the end there is no index."""
+        before = file.tell()  # the reader may have read the start by now
+        file.seek(0)
         start = file.read(len(_MAGIC))
         file.seek(-min(len(_MAGIC), file.seek(0, os.SEEK_END)), os.SEEK_END)
         end = file.read()
-        file.seek(0)
+        file.seek(before)
         if start == _MAGIC and end != _MAGIC:
             expected = "a finished log (`mcap recover` mends one)"
             raise TruncatedError(self._path, "end of file", "unfinished", expected)

@@ -111,7 +111,7 @@ def test_detections_at_other_times_are_not_taken_for_none(written_roots, tmp_pat
     path.write_bytes((root / "detections.feather").read_bytes())
     edit(path, "timestamp_ns", lambda v: v.__setitem__(slice(None), [1 + t // 1000 for t in v]))
     name = next((root / "val").iterdir()).name
-    with pytest.raises(DataError, match=r"row 0 is 1, expected the stamp of a pose.*330 of 330"):
+    with pytest.raises(DataError, match=r"row 0 is 1, expected the stamp of a pose.*452 of 452"):
         scene_of(root, name, detections=path).frame(0)
 
 
