@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64
-from mottrack.datasets.nuscenes.records import CHANNEL
 from mottrack.datasets.nuscenes.static_rows import MAP_FILE, blank_map, static_tables, token_of
 from mottrack.datasets.nuscenes.submission import LIDAR_ONLY
+from mottrack.formats.nuscenes_records import CHANNEL
 from mottrack.formats.nuscenes_splits import split_scenes
 
 FRAMES = 40

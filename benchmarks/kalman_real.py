@@ -80,7 +80,7 @@ def settled(folder: Path, out: Path) -> Path:
 
 def figures(title: str, kind: str, folders: Folders) -> dict[str, Any]:
     """One row of the table."""
-    found = evaluate_folders(folders, KittiRules(kind=kind.lower())).as_dict()
+    found = evaluate_folders(folders, KittiRules(kind=kind.lower())).metrics.as_dict()
     names = ("samota", "amota", "amotp", "mota", "motp", "ids", "frag", "fp", "fn")
     return {"class": kind, "tracker": title} | {name: found[name] for name in names}
 

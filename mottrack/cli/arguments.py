@@ -22,6 +22,7 @@ Workers = Annotated[
 Baseline = Annotated[
     str | None, typer.Option("--baseline", help="baseline run (default: the first)")
 ]
+Strict = Annotated[bool, typer.Option("--strict", help="warnings are errors")]
 FinishedRun = Annotated[Path, typer.Argument(help="folder of a finished run")]
 SceneName = Annotated[str | None, typer.Option("--scene", help="name (default: the first)")]
 Cluster = Annotated[

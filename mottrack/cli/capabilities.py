@@ -90,4 +90,4 @@ def _of_kitti(labels: Path, tracks: Path, split: str, kind: str) -> list[Scene]:
 
     folders = Folders(labels, tracks, sequences_of(split))
     pairs = read_folders(folders, KittiRules(kind=kind.lower()))
-    return [of_kitti(truth, result, kind.lower()) for truth, result in pairs]
+    return [of_kitti(pair.labels, pair.results, kind.lower()) for pair in pairs]

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import Workers
-
-EXIT_FAULTS = 3  # as for failed scenes: the command worked, the data do not
+from mottrack.cli.arguments import Strict, Workers
+from mottrack.cli.warn import EXIT_FAULTS
 
 
 def register(app: typer.Typer) -> None:
@@ -50,7 +49,7 @@ def synth(  # noqa: PLR0913
     typer.echo(f"detections: {out / FORMATS[format_name].detections}")
 
 
-def check(
+def check(  # noqa: PLR0913
     dataset: Annotated[Path, typer.Argument(help="folder of the data set")],
     overrides: Annotated[
         list[str] | None, typer.Argument(help="settings of the reader: key=value ...")
@@ -61,8 +60,11 @@ def check(
     ] = None,
     every: Annotated[int, typer.Option(min=1, help="read only every so many-th sweep")] = 1,
     workers: Workers = 0,
+    strict: Strict = False,
 ) -> None:
-    """Report what is missing, damaged or out of order in a data set; exit code 3 if any.
+    """Report what is missing, damaged, out of order or unlikely in a data set.
+
+    The exit code is 3 if there is a fault; a warning is one if strict.
 
     Example: mottrack check path/to/kitti_tracking
     """
@@ -85,7 +87,7 @@ def check(
     result = check_dataset(opened, every=every, workers=workers or available_cores())
     for line in result.lines():
         typer.echo(line)
-    if result.findings:
+    if result.findings or (strict and result.concerns):
         raise typer.Exit(EXIT_FAULTS)
 
 
@@ -105,7 +107,7 @@ def submit(
     from mottrack.core.errors import DataError
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes
-    from mottrack.datasets.nuscenes.submission import write_submission
+    from mottrack.datasets.nuscenes.submission import Samples, write_submission
     from mottrack.runs.run_folder import RunFolder
 
     folder = RunFolder(run)
@@ -113,6 +115,6 @@ def submit(
         raise DataError(run, "scenes", "none", "scenes/<scene>.npz of a finished run")
     tokens = None
     if root is not None:
-        tokens = NuScenes(NuScenesConfig(root=root, split=split)).sample_tokens()
-    boxes = write_submission(out, map(folder.load, folder.scenes), sample_tokens=tokens)
+        tokens = Samples(NuScenes(NuScenesConfig(root=root, split=split)).sample_tokens(), split)
+    boxes = write_submission(out, map(folder.load, folder.scenes), expected=tokens)
     typer.echo(f"{out}: {boxes} boxes in {len(folder.scenes)} scenes")

@@ -5,8 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
+from mottrack.cli.arguments import Strict
 from mottrack.cli.capabilities import capabilities
 from mottrack.cli.sceneflow import sceneflow
+from mottrack.cli.warn import exit_with_warnings, warn_of
 
 group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
 
@@ -35,7 +37,7 @@ def nuscenes(  # noqa: PLR0913
         Literal["recorded", "machine"],
         typer.Option(help="Rounding of distances: the same everywhere, or the devkit's here."),
     ] = "recorded",
-    strict: Annotated[bool, typer.Option("--strict", help="Warnings are errors.")] = False,
+    strict: Strict = False,
     picture: Annotated[bool, typer.Option(help="Draw the recall curves.")] = True,
     bootstrap: Annotated[
         int, typer.Option(min=0, help="Confidence intervals from so many resamples; 0: none.")
@@ -59,10 +61,17 @@ def nuscenes(  # noqa: PLR0913
     rules = Rules(interpolation=interpolation, arithmetic=arithmetic)
     extras = command.Extras(picture, bootstrap, compare, error_classes, hota)
     request = command.Request(dataroot, version, split, submission, rules, strict)
-    for text in command.evaluate(request, extras, out, warn=lambda t: typer.echo(t, err=True)):
+    warned: list[str] = []
+
+    def warn(text: str) -> None:
+        typer.echo(text, err=True)
+        warned.append(text)
+
+    for text in command.evaluate(request, extras, out, warn):
         typer.echo(text)
     for text in velocity_report(request, compare, out):
         typer.echo(text)
+    exit_with_warnings(warned)
 
 
 @group.command()
@@ -76,6 +85,7 @@ def kitti(  # noqa: PLR0913
     iou: Annotated[
         float | None, typer.Option(min=0.01, max=1.0, help="Least overlap; 0.25 (3d), 0.5 (2d).")
     ] = None,
+    strict: Strict = False,
 ) -> None:
     """Evaluate one class by the KITTI 3-D MOT protocol of AB3DMOT (sAMOTA, AMOTA, ...)."""
     from mottrack.eval.kitti import files
@@ -84,9 +94,11 @@ def kitti(  # noqa: PLR0913
     least = DEFAULT_IOU[measure] if iou is None else iou
     rules = KittiRules(kind=kind.lower(), measure=measure, min_iou=least)
     folders = files.Folders(labels, tracks, files.sequences_of(split))
-    result = files.evaluate_folders(folders, rules)
+    result, concerns = files.evaluate_folders(folders, rules)
+    warn_of(concerns, strict=strict)
     files.write_outputs(out, [result])
     typer.echo(files.format_table([result]))
+    exit_with_warnings(concerns)
 
 
 @group.command()
@@ -95,6 +107,7 @@ def mot(
     tracks: Annotated[list[Path], typer.Option(help="Result file; repeat in the same order.")],
     out: Out,
     iou: Annotated[float, typer.Option(min=0.01, max=1.0, help="Least overlap of a match.")] = 0.5,
+    strict: Strict = False,
 ) -> None:
     """Compute CLEAR, IDF1 and HOTA on MOTChallenge text files."""
     from mottrack.core.errors import InputError
@@ -102,10 +115,14 @@ def mot(
 
     if len(truth) != len(tracks):
         raise InputError("--tracks", f"given {len(tracks)} times", f"{len(truth)} as --truth")
-    scores = {
+    scored = {
         f"{number} {pair[0].parent.name}": evaluation.score_files(*pair, iou)
         for number, pair in enumerate(zip(truth, tracks, strict=True), 1)
     }
+    concerns = [concern for one in scored.values() for concern in one.concerns]
+    warn_of(concerns, strict=strict)
+    scores = {name: one.scores for name, one in scored.items()}
     scores["all"] = evaluation.together(list(scores.values()))
     evaluation.write_outputs(out, scores)
     typer.echo(evaluation.format_table(scores))
+    exit_with_warnings(concerns)

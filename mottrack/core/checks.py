@@ -40,10 +40,18 @@ def as_array(
     """
     try:
         given = np.asarray(value)
+        if given is not value:
+            _refuse_masked(field, value)
+        if given.dtype != dtype:
+            _require_kind(field, given, np.dtype(dtype))
         with np.errstate(invalid="ignore", over="ignore"):
             array = given if given.dtype == dtype else given.astype(dtype, copy=False)
+    except InputError:
+        raise
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
+    if array.shape == (0,) and len(shape) > 1 and shape[0] in (None, 0) and None not in shape[1:]:
+        array = array.reshape(0, *shape[1:])  # an empty list: no rows
     fits = array.ndim == len(shape) and all(
         want is None or have == want for have, want in zip(array.shape, shape, strict=True)
     )
@@ -55,6 +63,27 @@ def as_array(
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _refuse_masked(field: str, value: object) -> None:
+    """Refuse masked entries: numpy would hand over what the mask hides."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise InputError(field, "a masked array with masked entries", "values, or fewer rows")
+
+
+def _require_kind(field: str, given: NDArray[Any], dtype: np.dtype[Any]) -> None:
+    """Refuse what numpy converts although it means something else: text to numbers or truth."""
+    if given.size == 0:
+        return
+    texts = given.dtype.kind in "US" or (
+        given.dtype.kind == "O" and any(isinstance(item, str | bytes) for item in given.flat)
+    )
+    wrong = dtype.kind in "fiub" and (texts or given.dtype.kind in "cmM")
+    if dtype.kind == "b" and not wrong:
+        wrong = not bool(np.isin(given, (0, 1)).all())
+    if wrong:
+        kind = "text" if texts else f"{given.dtype} other than 0 and 1"
+        raise InputError(field, kind, f"an array of {dtype}")
 
 
 def _require_nothing_lost(field: str, given: NDArray[Any], array: NDArray[Any]) -> None:

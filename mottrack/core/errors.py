@@ -6,6 +6,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
+from mottrack.core.printed import MAX_MESSAGE, MAX_SHOWN, printable, shown
+
+MAX_PATH_SHOWN = 300
+"""Characters of a path in a message."""
+
 
 class MottrackWarning(UserWarning):
     """Something a user should know that does not stop the work."""
@@ -23,7 +28,7 @@ class InputError(MottrackError, ValueError):
         self.field, self.value, self.expected = field, value, expected
 
     def __str__(self) -> str:
-        return f"{self.field} is {self.value}, expected {self.expected}"
+        return _sentence(self.field, self.value, self.expected)
 
 
 class DataError(MottrackError):
@@ -34,15 +39,23 @@ class DataError(MottrackError):
         self.file, self.field, self.value, self.expected = Path(file), field, value, expected
 
     def __str__(self) -> str:
-        return f"{self.file}: {self.field} is {self.value}, expected {self.expected}"
+        sentence = _sentence(self.field, self.value, self.expected)
+        return f"{shown(self.file, MAX_PATH_SHOWN)}: {sentence}"
 
 
 class ConfigError(MottrackError):
     """A configuration, an override or the name of a part is not usable."""
 
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message, MAX_MESSAGE))
+
 
 class ResultError(DataError):
     """A stored result is damaged or of another version."""
+
+
+def _sentence(field: str, value: object, expected: str) -> str:
+    return f"{shown(field)} is {shown(value)}, expected {printable(expected, MAX_MESSAGE)}"
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
@@ -53,13 +66,13 @@ def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
         name: the unknown name.
         valid: all names that would have been accepted.
     """
-    return ConfigError(f"unknown {kind} '{name}'{did_you_mean(name, valid)}")
+    return ConfigError(f"unknown {kind} '{shown(name)}'{did_you_mean(name, valid)}")
 
 
 def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """Return the end of an error message: the valid name nearest to ``name``, and all of them."""
     names = sorted(valid)
     # 0.5 instead of difflib's 0.6: short names such as "ipc" for "icp" still find their neighbour
-    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    near = get_close_matches(name[:MAX_SHOWN], names, n=1, cutoff=0.5)
     hint = f" (did you mean '{near[0]}'?)" if near else ""
     return f"{hint}; valid: {', '.join(names)}"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.errors import ResultError
+from mottrack.core.npz import unpacked_npz
 
 UNFINISHED = ".part"
 CHECKSUM_BYTES = hashlib.sha256().digest_size
@@ -20,6 +21,16 @@ CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file through a temporary one beside it: a reader sees the old or the new."""
+    try:
+        _replace(path, data)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # a full disk is reported by a number alone
+        raise type(error)(error.errno, error.strerror, str(path)) from error
+
+
+def _replace(path: Path, data: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(
         dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED
@@ -72,5 +83,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     actual = hashlib.sha256(data).digest()
     if stored != actual:
         raise ResultError(path, "checksum", stored.hex()[:12], f"{actual.hex()[:12]} (damaged?)")
-    with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    try:
+        return unpacked_npz(data)
+    except ValueError as error:
+        raise ResultError(path, "content", error, "arrays of mottrack") from error

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import ConfigError, DataError, Dataset, Frame, MottrackError, Scene
+from mottrack.core import ConfigError, DataError, Dataset, Frame, MottrackError, Scene, Sweep
+from mottrack.core.concerns import Concern, summary
 from mottrack.core.processes import end_with_parent
 from mottrack.core.sweep import seconds_between
-from mottrack.formats.faults import kind_of
+from mottrack.datasets.plausibility.motion import MAX_SPEED_MPS
+from mottrack.datasets.plausibility.watch import SceneWatch
+from mottrack.formats.faults import MissingError, kind_of
 
 LAYOUTS = {
     "nuscenes": "v1.0-*",
@@ -25,8 +28,6 @@ LAYOUTS = {
     "ros": "*.mcap",
 }
 """A name that only a data set of this kind has."""
-MAX_SPEED_MPS = 70.0
-"""250 km/h: faster vehicles and objects are errors of a pose, a stamp or an identity."""
 MIN_POINTS = 100
 """Fewer than one beam of any LiDAR returns in a revolution."""
 SHOWN = 5
@@ -49,10 +50,14 @@ class SceneCheck:
     name: str
     counts: Counter[str] = field(default_factory=Counter)
     findings: list[Finding] = field(default_factory=list)
+    concerns: list[Concern] = field(default_factory=list)
+    missing_sweeps: list[str] = field(default_factory=list)
 
     def add(self, kind: str, text: str) -> None:
-        """Note a fault."""
-        self.findings.append(Finding(kind, self.name, text))
+        """Note a fault; one that comes back with every frame, as of a whole file, once."""
+        finding = Finding(kind, self.name, text)
+        if finding not in self.findings[-SHOWN:]:
+            self.findings.append(finding)
 
     def add_error(self, error: MottrackError) -> None:
         """Note a fault that a reader raised."""
@@ -72,13 +77,18 @@ class CheckResult:
         """Every fault, scene by scene."""
         return [finding for scene in self.scenes for finding in scene.findings]
 
+    @property
+    def concerns(self) -> list[tuple[str, Concern]]:
+        """Every warning with its scene."""
+        return [(scene.name, concern) for scene in self.scenes for concern in scene.concerns]
+
     def lines(self) -> Iterator[str]:
         """Yield what was read, then each kind of fault with its number and the first few."""
         total: Counter[str] = Counter()
         for scene in self.scenes:
             total.update(scene.counts)
-        counts = ", ".join(f"{count} {what}" for what, count in total.items())
-        yield f"{self.dataset}: {len(self.scenes)} scenes, {counts}"
+        counts = [f"{count} {what}" for what, count in total.items()]
+        yield f"{self.dataset}: " + ", ".join([f"{len(self.scenes)} scenes", *counts])
         findings = self.findings
         if not findings:
             yield "no fault found"
@@ -88,14 +98,25 @@ class CheckResult:
             yield from (f"  {finding.scene}: {finding.text}" for finding in of_kind[:SHOWN])
             if count > SHOWN:
                 yield f"  ... and {count - SHOWN} more"
+        yield from self._warnings()
+
+    def _warnings(self) -> Iterator[str]:
+        """Yield a line for each kind of warning, with its number and one example."""
+        by_kind: dict[str, list[tuple[str, Concern]]] = {}
+        for scene, concern in self.concerns:
+            by_kind.setdefault(concern.kind, []).append((scene, concern))
+        yield from (f"warning: {summary(found)}" for found in by_kind.values())
 
 
 def kind_of_folder(root: Path) -> str:
     """Return the kind of data set that a folder holds, by its layout.
 
     Raises:
-        ConfigError: it has the layout of none.
+        ConfigError: it has the layout of none, or is not there.
     """
+    if not root.is_dir():
+        found = "is a file" if root.exists() else "does not exist"
+        raise ConfigError(f"{root} {found}, expected the folder of a data set")
     for kind, pattern in LAYOUTS.items():
         if next(root.glob(pattern), None) is not None:
             return kind
@@ -152,6 +173,7 @@ def _check_scene(check: SceneCheck, scene: Scene, every: int) -> None:
     """Check every frame, and every `every`-th sweep."""
     check.counts["frames"] = len(scene)
     previous: Frame | None = None
+    watch = SceneWatch(scene)
     for index in range(len(scene)):
         frame = _frame(check, scene, index)
         if frame is not None:
@@ -159,8 +181,15 @@ def _check_scene(check: SceneCheck, scene: Scene, every: int) -> None:
             if previous is not None:
                 _check_step(check, previous, frame)
             previous = frame
-        if index % every == 0:
-            _check_sweep(check, scene, index, frame)
+        sweep = _sweep(check, scene, index, frame) if index % every == 0 else None
+        if frame is not None:
+            watch.add(frame, sweep)
+    if check.missing_sweeps:
+        count = len(check.missing_sweeps)
+        more = f" ({count} sweeps of the scene, this is the first)" if count > 1 else ""
+        check.add("missing", check.missing_sweeps[0] + more)
+    # jumps are faults, and listed one by one
+    check.concerns = [c for c in watch.concerns() if not c.kind.startswith("jumps")]
 
 
 def _frame(check: SceneCheck, scene: Scene, index: int) -> Frame | None:
@@ -195,15 +224,19 @@ def _check_step(check: SceneCheck, previous: Frame, frame: Frame) -> None:
             check.add("jump", f"frame {frame.stamp_ns}: object {identity} jumps")
 
 
-def _check_sweep(check: SceneCheck, scene: Scene, index: int, frame: Frame | None) -> None:
+def _sweep(check: SceneCheck, scene: Scene, index: int, frame: Frame | None) -> Sweep | None:
     try:
         sweep = scene.sweep(index)
+    except MissingError as error:
+        check.missing_sweeps.append(str(error))
+        return None
     except MottrackError as error:
         check.add_error(error)
-        return
+        return None
     check.counts["sweeps read"] += 1
     check.counts["points"] += len(sweep)
     if len(sweep) < MIN_POINTS:
         check.add("truncated", f"sweep {sweep.stamp_ns}: {len(sweep)} points")
     if frame is not None and frame.stamp_ns != sweep.stamp_ns:
         check.add("out of order", f"sweep {sweep.stamp_ns} at frame {frame.stamp_ns}")
+    return sweep

@@ -100,7 +100,7 @@ def truth_of(table: TruthTable | None, frame: int, stamp_ns: int) -> Truth | Non
     return Truth(stamp_ns=stamp_ns, frame="world", **columns)
 
 
-def frames_at(stamp_ns: I64, frame_stamps_ns: Sequence[int]) -> I64:
+def frames_at(stamp_ns: I64, frame_stamps_ns: Sequence[int] | I64) -> I64:
     """Return the index (N,) of the frame at each of the stamps (N,), -1 where there is none.
 
     Args:

@@ -1,7 +1,6 @@
 """CLEAR, IDF1 and HOTA on MOTChallenge text files.
 
-A line is `frame, id, left, top, width, height, confidence, class, visibility`. Files of ten columns
-(MOT15, and results) have a position on the ground in place of the class.
+`mottrack.eval.mot_boxes` reads them.
 """
 
 from __future__ import annotations
@@ -10,113 +9,19 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mottrack.core.arrays import F64, I64, Mask
-from mottrack.core.errors import DataError
+from mottrack.core.arrays import Mask
+from mottrack.core.concerns import Concern
 from mottrack.core.storage import write_text
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.assignment import linear_sum_assignment
+from mottrack.eval.mot_boxes import DISTRACTORS, PEDESTRIAN, MotBoxes, concerns, read_boxes
 from mottrack.eval.pairs import BoxStream, Extended, Pairs, find_pairs, iou_gate, overlap
-from mottrack.formats.text_rows import EXACT_INTEGERS, finite_numbers, read_lines
 from mottrack.formats.text_table import aligned
 from mottrack.geometry.rectangles import rectangle_iou, rectangle_iou_of_pairs
-
-PEDESTRIAN = 1
-DISTRACTORS = (2, 7, 8, 12)
-"""Of MOT16 and later: person on vehicle, static person, distractor, reflection."""
-# frame, id and four numbers of the box; the ninth column is the visibility, after the class
-MIN_FIELDS = 6
-FIELDS_WITH_CLASS = 9
-
-
-@dataclass(frozen=True, slots=True)
-class MotBoxes:
-    """Boxes of one sequence, by frame."""
-
-    frame: I64
-    """(N,) ascending."""
-    id: I64
-    """(N,)"""
-    box: F64
-    """(N, 4) left, top, right, bottom in pixels."""
-    confidence: F64
-    """(N,) 1 where the file has none."""
-    kind: I64
-    """(N,) class number, -1 where the file has none."""
-
-    def __len__(self) -> int:
-        return len(self.frame)
-
-    def select(self, index: NDArray[Any]) -> MotBoxes:
-        """Return the rows that a mask or index picks."""
-        return MotBoxes(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
-
-
-def read_boxes(path: Path) -> MotBoxes:
-    """Read a file; raises DataError that names the broken line or an identity twice in a frame."""
-    lines = read_lines(path)
-    values = _regular(lines)
-    if values is None:
-        rows = [_numbers(path, n, line) for n, line in enumerate(lines, 1) if line.strip()]
-        values = np.array(rows, np.float64).reshape(-1, 8)
-    values = values[np.argsort(values[:, 0], kind="stable")]
-    boxes = MotBoxes(
-        frame=values[:, 0].astype(np.int64),
-        id=values[:, 1].astype(np.int64),
-        box=np.column_stack([values[:, 2:4], values[:, 2:4] + values[:, 4:6]]),
-        confidence=values[:, 6],
-        kind=values[:, 7].astype(np.int64),
-    )
-    _require_unique(path, boxes)
-    return boxes
-
-
-def _regular(lines: list[str]) -> F64 | None:
-    """Return what `_numbers` does of all lines at once; None where they must be read one by one.
-
-    Lines of one length and finite numbers need no message.
-    """
-    if not any(lines):
-        return None
-    try:
-        values = np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
-    except ValueError:
-        return None
-    whole = values[:, :2]
-    if values.shape[1] < MIN_FIELDS or not np.isfinite(values).all():
-        return None
-    if (whole != np.floor(whole)).any() or (np.abs(whole) >= EXACT_INTEGERS).any():
-        return None
-    rows = np.full((len(values), 8), -1.0)
-    rows[:, :MIN_FIELDS] = values[:, :MIN_FIELDS]
-    rows[:, 6] = values[:, 6] if values.shape[1] > MIN_FIELDS else 1.0
-    if values.shape[1] == FIELDS_WITH_CLASS:
-        rows[:, 7] = values[:, 7]
-    return rows
-
-
-def _numbers(path: Path, line: int, text: str) -> list[float]:
-    """Return frame, id, box, confidence and class of a line."""
-    fields = text.replace(",", " ").split()
-    if len(fields) < MIN_FIELDS:
-        raise DataError(path, f"line {line}", f"{len(fields)} fields", f"at least {MIN_FIELDS}")
-    numbers = finite_numbers(path, line, fields[:8])
-    kind = numbers[7] if len(fields) == FIELDS_WITH_CLASS else -1.0
-    confidence = numbers[6] if len(numbers) > MIN_FIELDS else 1.0
-    return [*numbers[:MIN_FIELDS], confidence, kind]
-
-
-def _require_unique(path: Path, boxes: MotBoxes) -> None:
-    order = np.lexsort((boxes.id, boxes.frame))
-    frames, ids = boxes.frame[order], boxes.id[order]
-    repeated = np.flatnonzero((frames[1:] == frames[:-1]) & (ids[1:] == ids[:-1]))
-    if repeated.size:
-        frame, identity = frames[repeated[0]], ids[repeated[0]]
-        raise DataError(path, f"id {identity}", f"twice in frame {frame}", "each id once a frame")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,9 +60,18 @@ class MotScores:
         return {"alpha": hota.ALPHAS.tolist(), **rows}
 
 
-def score_files(truth: Path, tracks: Path, min_iou: float = 0.5) -> MotScores:
+class Scored(NamedTuple):
+    """The scores of one sequence, and what of its files is hardly meant."""
+
+    scores: MotScores
+    concerns: tuple[Concern, ...]
+
+
+def score_files(truth: Path, tracks: Path, min_iou: float = 0.5) -> Scored:
     """Return the scores of one sequence; raises DataError for a malformed file."""
-    return score_boxes(*preprocess(read_boxes(truth), read_boxes(tracks), min_iou), min_iou)
+    boxes = read_boxes(truth), read_boxes(tracks)
+    found = tuple(concerns(*boxes, (truth, tracks)))
+    return Scored(score_boxes(*preprocess(*boxes, min_iou), min_iou), found)
 
 
 def preprocess(truth: MotBoxes, tracks: MotBoxes, min_iou: float) -> tuple[MotBoxes, MotBoxes]:

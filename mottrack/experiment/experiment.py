@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mottrack.core.errors import ConfigError
+from mottrack.core.errors import ConfigError, DataError
 from mottrack.experiment.configs import find_config, find_group
 from mottrack.experiment.overrides import GROUPS, Choice, expand, parse_override, set_key
 from mottrack.experiment.plugins import Part, load_part
@@ -51,8 +51,13 @@ class Experiment:
     @property
     def hash(self) -> str:
         """SHA-256 of the resolved configuration: equal settings, equal hash."""
-        canonical = json.dumps(self.resolved(), sort_keys=True, default=str)
-        return hashlib.sha256(canonical.encode()).hexdigest()
+        return hash_of(self.resolved())
+
+
+def hash_of(resolved: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a resolved configuration: equal settings, equal hash."""
+    canonical = json.dumps(resolved, sort_keys=True, default=str)
+    return hashlib.sha256(canonical.encode()).hexdigest()
 
 
 def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experiment]:
@@ -67,7 +72,7 @@ def load_experiments(config: str, overrides: Sequence[str] = ()) -> list[Experim
         DataError: a file can't be read.
     """
     path = find_config(config)
-    return compose(read_yaml(path), overrides, path)
+    return compose(_settings_in(path), overrides, path)
 
 
 def load_to_stream(config: str, overrides: Sequence[str] = ()) -> Experiment:
@@ -78,7 +83,7 @@ def load_to_stream(config: str, overrides: Sequence[str] = ()) -> Experiment:
         DataError: the file can't be read.
     """
     path = find_config(config)
-    tree = read_yaml(path)
+    tree = _settings_in(path)
     if not any(parse_override(text)[0].startswith("dataset") for text in overrides):
         tree.pop("dataset", None)
     experiments = compose(tree, overrides, path)
@@ -86,6 +91,14 @@ def load_to_stream(config: str, overrides: Sequence[str] = ()) -> Experiment:
         variants = ", ".join(e.variant for e in experiments)
         raise ConfigError(f"{path}: {len(experiments)} variants ({variants}), expected one: choose")
     return experiments[0]
+
+
+def _settings_in(path: Path) -> dict[str, Any]:
+    """Read an experiment file; refuse one without any setting, for which nobody asks."""
+    tree = read_yaml(path)
+    if not tree:
+        raise DataError(path, "content", "no setting at all", "at least one of dataset, flow, ...")
+    return tree
 
 
 def compose(tree: Mapping[str, Any], overrides: Sequence[str], path: Path) -> list[Experiment]:

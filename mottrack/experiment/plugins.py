@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError, unknown_name
 from mottrack.core.interfaces import Dataset, FlowSource, ObjectSource, TableEntry, Tracker
+from mottrack.core.printed import shown
 from mottrack.datasets import DATASETS
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow import FLOWS
@@ -108,8 +109,11 @@ def _find_class(part: PartKind, kind: str) -> type[Any]:
     module_name, _, class_name = target.partition(":")
     try:
         found = getattr(importlib.import_module(module_name), class_name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(f"{part.noun} '{kind}' can't be imported: {error}") from error
+    except Exception as error:
+        reason = (
+            str(error) if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
+        )
+        raise ConfigError(f"{part.noun} '{shown(kind)}' can't be imported: {reason}") from error
     if not isinstance(found, type):
         raise ConfigError(f"{part.noun} '{kind}' is a {type(found).__name__}, expected a class")
     _check_members(part, kind, found)

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from mottrack.core.errors import did_you_mean
+from mottrack.core.printed import quoted
 
 
 def format_validation_error(
@@ -28,7 +29,7 @@ def _format_one(item: ErrorDetails, model: type[BaseModel], prefix: str) -> str:
     message = item["msg"].removeprefix("Value error, ")
     if not path:
         return f"{prefix or 'settings'}: expected {message}"
-    return f"{key} is {item['input']!r}, expected: {message[0].lower()}{message[1:]}"
+    return f"{key} is {quoted(item['input'])}, expected: {message[0].lower()}{message[1:]}"
 
 
 def _fields_at(model: type[BaseModel], path: list[str]) -> list[str]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import yaml
-from yaml.nodes import MappingNode
+from yaml.nodes import MappingNode, Node, SequenceNode
 
 from mottrack.core.errors import DataError
+from mottrack.core.limits import MAX_NODES
 
 MAX_BYTES = 1 << 20
 """Hundreds of times a real configuration; the parser is pure Python and slow on a wrong file."""
@@ -21,11 +21,34 @@ MAX_DEPTH = 20
 _EXPONENTIAL = re.compile(r"[-+]?\d+(\.\d*)?e[-+]?\d+", re.IGNORECASE)
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """The safe loader, with repeated keys and excess aliases refused."""
+_FAULTS = (
+    yaml.YAMLError,
+    ValueError,  # an integer of thousands of digits, a date that is none
+    KeyError,  # !!bool maybe
+    TypeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    RecursionError,
+)
+"""What the parser raises on texts that are no YAML of settings."""
 
+
+class _StrictLoader(yaml.SafeLoader):
+    """The safe loader, with repeated keys and excess aliases refused; dates stay text."""
+
+    yaml_implicit_resolvers = {  # noqa: RUF012 - as in the base class
+        first: [(tag, pattern) for tag, pattern in rules if tag != "tag:yaml.org,2002:timestamp"]
+        for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
     aliases = 0
     depth = 0
+
+    def get_single_node(self) -> Any:
+        node = super().get_single_node()
+        if node is not None:
+            _require_small(node)
+        return node
 
     def compose_node(self, parent: Any, index: Any) -> Any:  # the base class has no annotations
         if self.check_event(yaml.AliasEvent):
@@ -51,6 +74,30 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
+def _require_small(root: Node) -> None:
+    """Refuse a tree that grows too large, or without end, once its aliases are written out."""
+    sizes: dict[int, int] = {}
+    within: set[int] = set()
+
+    def size(node: Node) -> int:
+        if id(node) in within:
+            raise yaml.YAMLError("an alias inside its own anchor")
+        if id(node) not in sizes:
+            within.add(id(node))
+            sizes[id(node)] = 1 + sum(map(size, _children(node)))
+            within.remove(id(node))
+        return sizes[id(node)]
+
+    if size(root) > MAX_NODES.value:
+        raise yaml.YAMLError(f"{size(root)} values, {MAX_NODES.expected('values')}")
+
+
+def _children(node: Node) -> list[Node]:
+    if isinstance(node, MappingNode):
+        return [part for pair in node.value for part in pair]
+    return list(node.value) if isinstance(node, SequenceNode) else []
+
+
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a mapping from a file.
 
@@ -65,7 +112,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise DataError(path, "file", error.strerror, "a readable YAML file") from error
     except UnicodeDecodeError as error:
-        raise DataError(path, "encoding", str(error), "UTF-8") from error
+        raise DataError(path, "encoding", f"byte {error.start} is no UTF-8", "UTF-8") from error
     return parse_yaml(text, path)
 
 
@@ -77,22 +124,14 @@ def parse_yaml(text: str, source: Path) -> dict[str, Any]:
     """
     try:
         content = yaml.load(text, Loader=_StrictLoader)  # noqa: S506 - derived from SafeLoader
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
+    except _FAULTS as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise DataError(source, "content", reason, "YAML") from error
     if content is None:
         return {}
     if not isinstance(content, dict):
         raise DataError(source, "content", type(content).__name__, "a mapping of keys to values")
-    _refuse_cycles(content, source)
     return content
-
-
-def _refuse_cycles(content: dict[str, Any], source: Path) -> None:
-    try:
-        json.dumps(content, default=str)
-    except ValueError as error:
-        raise DataError(source, "content", "an alias inside its own anchor", "a tree") from error
 
 
 def parse_scalar(text: str) -> Any:
@@ -106,5 +145,5 @@ def parse_scalar(text: str) -> Any:
         return float(text)
     try:
         return yaml.load(text, Loader=_StrictLoader)  # noqa: S506
-    except yaml.YAMLError:
+    except _FAULTS:
         return text

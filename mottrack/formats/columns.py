@@ -24,17 +24,21 @@ class ColumnSpec:
     name: as the file and error messages call it.
     kind: integers of 64 bits, finite numbers, text, or true and false.
     width: length of the list of numbers in each row; 0 for a single value.
+    default: the value where rows of a text file end before this column; None: they must not.
     """
 
     name: str
     kind: type[int] | type[float] | type[str] | type[bool] = float
     width: int = 0
+    default: float | None = None
 
     @property
     def expected(self) -> str:
         """What a value must be, for an error message."""
-        if self.kind in (str, bool):
-            return "text" if self.kind is str else "true or false"
+        if self.kind is bool:
+            return "true or false"
+        if self.kind is str:
+            return "text without control characters"
         what = "integer" if self.kind is int else "number"
         return f"{self.width} finite {what}s" if self.width else f"a finite {what}"
 

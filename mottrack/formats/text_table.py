@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mottrack.core.printed import printable
 from mottrack.core.storage import write_text
 
 Cell = str | float | int | None
@@ -51,7 +52,7 @@ class Column:
         if cell is None or (isinstance(cell, float) and not math.isfinite(cell)):
             return MISSING
         if isinstance(cell, str | int):
-            return str(cell)
+            return printable(str(cell))
         return f"{cell:{'+' if self.signed else ''}.{self.digits}f}"
 
 
@@ -134,6 +135,7 @@ def write_tables(tables: Sequence[TextTable], folder: Path) -> None:
 
 def aligned(lines: Sequence[Sequence[str]]) -> str:
     """Return lines of as many cells each for a terminal: the first column left, others right."""
+    lines = [[printable(cell) for cell in line] for line in lines]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return "\n".join(
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
@@ -146,6 +148,8 @@ def _is_text(table: TextTable, k: int) -> bool:
 
 
 def _plain(cell: Cell) -> Cell:
+    if isinstance(cell, str):
+        return printable(cell)
     return None if isinstance(cell, float) and not math.isfinite(cell) else cell
 
 

@@ -16,7 +16,6 @@ from mottrack.core.storage import write_text
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
-from mottrack.datasets.rigid import quaternion_yaws
 from mottrack.eval.nuscenes.command import Request
 from mottrack.eval.nuscenes.submission import Box, Submission, read_submission
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, PairedDifference, draw, paired_all, sample
@@ -24,6 +23,7 @@ from mottrack.eval.run_metrics import velocity_metrics
 from mottrack.eval.scores import ScoreConfig
 from mottrack.eval.velocity_error import velocity_samples, velocity_table
 from mottrack.formats.nuscenes_classes import CLASSES
+from mottrack.formats.rigid import quaternion_yaws
 from mottrack.formats.strict_json import strict
 from mottrack.formats.text_table import aligned
 

@@ -93,6 +93,7 @@ def _summary(
         "runs": runs,
         "scene_count": len({s for run in runs for s in run.scored.report.finished}),
         "failed": comparison.failed,
+        "concerns": {text: run.title for run in reversed(runs) for text in run.scored.concerns},
         "has_truth": any(run.has_truth for run in runs),
         "flow_value": plain_words(comparison.flow_values),
         "cards": cards,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from mottrack.core.errors import ConfigError, ResultError
 from mottrack.core.storage import write_text
-from mottrack.experiment.experiment import Experiment, compose
-from mottrack.experiment.yaml_file import read_yaml
+from mottrack.experiment.experiment import Experiment
+from mottrack.experiment.stored import stored_experiment
+from mottrack.formats.files import read_bytes
+from mottrack.formats.json_text import parse_json
 from mottrack.runs.differences import RunDifferences, check_baseline, find_differences
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, RunReport, run_jobs
@@ -136,9 +138,14 @@ def _notes(folder: Path) -> dict[str, Mapping[str, Any]]:
     if not path.exists():
         return {}
     try:
-        return {run["variant"]: run for run in json.loads(path.read_text())["runs"]}
-    except (ValueError, KeyError, TypeError) as error:
+        notes = {run["variant"]: run for run in parse_json(path, read_bytes(path))["runs"]}
+    except (KeyError, TypeError) as error:
         raise ResultError(path, "content", repr(error), "figures of a comparison") from error
+    for note in notes.values():
+        listed, failed = note.get("scenes", []), note.get("failed", {})
+        if not isinstance(listed, list) or not isinstance(failed, dict):
+            raise ResultError(path, "runs", "scenes or failed of another type", "a list, a mapping")
+    return notes
 
 
 def _load_run(folder: Path, variant: str, note: Mapping[str, Any]) -> ScoredRun:
@@ -156,5 +163,5 @@ def stored_run(folder: RunFolder, variant: str, report: RunReport) -> ScoredRun:
     Raises:
         ConfigError: the configuration is of another version.
     """
-    resolved = compose(read_yaml(folder.config_file), [], folder.config_file)
-    return ScoredRun(replace(resolved[0], variant=variant), folder, report)
+    experiment = stored_experiment(folder.config_file, folder.stored_hash, variant)
+    return ScoredRun(experiment, folder, report)

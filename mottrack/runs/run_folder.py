@@ -5,25 +5,33 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import yaml
 
 import mottrack
+from mottrack.core.arrays import F64
 from mottrack.core.errors import ConfigError, DataError, ResultError, unknown_name
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
 from mottrack.core.storage import discard_unfinished, write_bytes, write_text
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.plugins import Part
+from mottrack.formats.columns import ColumnSpec
+from mottrack.formats.files import read_bytes
+from mottrack.formats.json_text import parse_json
+from mottrack.formats.nuscenes_tables import json_array
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
 
 RESULT, SNAPSHOTS = ".npz", ".snapshots.npz"
+MOST_NAME = 200
+"""Characters of a scene's name: file names have 255 bytes, the suffix and a temporary name too."""
+_SECONDS = ColumnSpec("seconds")
 PACKAGE = Path(mottrack.__file__).parent
 SOURCES = (
     "core",
@@ -74,7 +82,7 @@ class RunFolder:
         return self._file(scene, ".latency.json")
 
     def _file(self, scene: str, suffix: str) -> Path:
-        if scene in ("", ".", "..") or "/" in scene or "\\" in scene or "\0" in scene:
+        if scene in ("", ".", "..") or any(c in scene for c in "/\\\0") or len(scene) > MOST_NAME:
             raise ConfigError(f"scene name {scene!r} can't be a file name")
         return self.path / "scenes" / f"{scene}{suffix}"
 
@@ -152,8 +160,25 @@ class RunFolder:
         result = SceneResult.load(self.scene_file(scene))
         if not self.timings_file(scene).exists():
             return result
-        stored = _read_json(self.timings_file(scene))
-        return replace(result, timings_s={k: np.array(v) for k, v in stored.items()})
+        return replace(result, timings_s=self._timings(scene))
+
+    def _timings(self, scene: str) -> dict[str, F64]:
+        """Read the seconds per stage and key frame."""
+        path = self.timings_file(scene)
+        found: dict[str, F64] = {}
+        for stage, values in _read_json(path).items():
+            seconds = json_array(values, _SECONDS) if isinstance(values, list) else None
+            if seconds is None or (seconds < 0.0).any():
+                raise ResultError(path, stage, values, "a list of seconds")
+            found[stage] = seconds
+        return found
+
+    @property
+    def stored_hash(self) -> object:
+        """The hash of the configuration that the run noted; None where it noted none."""
+        if not self.identity_file.exists():
+            return None
+        return _read_json(self.identity_file).get("configuration")
 
     def load_snapshots(self, scene: str) -> list[Snapshot]:
         """Read the key frames of a scene; none where the run did not keep them.
@@ -171,14 +196,29 @@ class RunFolder:
             ResultError: the file is damaged.
         """
         path = self.latency_file(scene)
-        return StepTimes.of(_read_json(path), path) if path.exists() else None
+        if not path.exists():
+            return None
+        stored = _read_json(path)
+        if not _all_seconds(stored):
+            raise ResultError(path, "content", "other than seconds", "times of a scene")
+        return StepTimes.of(stored, path)
+
+
+def _all_seconds(value: object) -> bool:
+    """Return whether every number in mappings and lists is a time, and nothing else is there."""
+    if isinstance(value, dict):
+        return all(map(_all_seconds, value.values()))
+    if isinstance(value, list):
+        return all(map(_all_seconds, value))
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and 0.0 <= value < math.inf  # type: ignore[operator]
 
 
 def _read_json(path: Path) -> dict[str, object]:
     try:
-        content = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise ResultError(path, "content", str(error), "JSON") from error
+        content = parse_json(path, read_bytes(path), "JSON")
+    except DataError as error:
+        raise ResultError(path, error.field, error.value, error.expected) from error
     if not isinstance(content, dict):
         raise ResultError(path, "content", type(content).__name__, "a mapping")
     return content

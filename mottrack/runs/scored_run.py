@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mottrack.core.concerns import Concern, summary
 from mottrack.core.result import SceneResult
+from mottrack.datasets.plausibility.seen import SeenScene
+from mottrack.datasets.plausibility.watch import scene_concerns
 from mottrack.eval.memo import Memo
 from mottrack.eval.scores import ScoreConfig, Scores, score
 from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
@@ -69,6 +72,15 @@ class ScoredRun:
     def results(self) -> list[SceneResult]:
         """Results of all finished scenes."""
         return [self.load(scene) for scene in self.finished]
+
+    @cached_property
+    def concerns(self) -> list[str]:
+        """What is unlikely in the data of the finished scenes, a line for each kind."""
+        by_kind: dict[str, list[tuple[str, Concern]]] = {}
+        for scene in self.finished:
+            for concern in scene_concerns(SeenScene.of_result(self.load(scene))):
+                by_kind.setdefault(concern.kind, []).append((scene, concern))
+        return [summary(found) for found in by_kind.values()]
 
     @cached_property
     def scores(self) -> Scores:

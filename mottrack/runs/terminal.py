@@ -82,6 +82,9 @@ def _closing_lines(comparison: Comparison, runs: Sequence[ScoredRun]) -> Iterato
     for run in runs:
         if run.latency is not None:
             yield escape(f"latency {run.title}: {run.latency.summary}")
+    for run in runs:
+        for text in run.concerns:
+            yield f"[yellow]warning[/] {escape(f'{run.title}: {text}')}"
     for name, reason in comparison.failed.items():
         yield f"[red]failed[/] {escape(f'{name}: {reason}')}"
     yield escape(f"figures: {comparison.out / 'scores.json'}")

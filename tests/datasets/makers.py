@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from mottrack.core import Dataset, Scene
-from mottrack.datasets.rigid import quaternion_wxyz
 from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.experiment.plugins import load_part
+from mottrack.formats.rigid import quaternion_wxyz
 from tests.datasets import ros_log
 
 SEED = 5

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mottrack.core import Pose
-from mottrack.datasets.rigid import quaternion_wxyz
+from mottrack.formats.rigid import quaternion_wxyz
 
 KINDS = {"/points": "sensor_msgs/msg/PointCloud2", "/odometry": "nav_msgs/msg/Odometry"}
 RECORDING_DELAY_NS = 5_000_000

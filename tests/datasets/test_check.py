@@ -88,7 +88,7 @@ def test_submit_writes_every_sample_of_a_run(written_roots, tmp_path):
     assert boxes[0]["tracking_id"].startswith(f"{scene.name}_")
     shorter = SceneResult(scene.name, FrameTable.of(frames[:-1]), TruthTable.empty(), tracks)
     shorter.save(run_folder / "scenes" / f"{scene.name}.npz")
-    with pytest.raises(DataError, match="1 are missing"):
+    with pytest.raises(DataError, match="split val: 1 of 3 are missing"):
         raise run(*command).exception
 
 

@@ -81,7 +81,7 @@ FAULTS = {
     "no pose": ("boxes.csv", "1200000000", "1300000000", "a stamp of poses.csv"),
     "far from the vehicle": ("boxes.csv", "10.0,0.0", "1e6,0.0", "x is 1000000.0, expected within"),
     "degrees": ("boxes.csv", ",0.1", ",90", "yaw is 90.0, expected radians"),
-    "no label": ("boxes.csv", "car", "", "label is , expected a name"),
+    "no label": ("boxes.csv", "car", "", "line 2, label is empty, expected text"),
     "identity twice": ("boxes.csv", "1200000000", "1100000000", "line 4, id is 7, expected each"),
     "not on Earth": ("poses.csv", "5.0", "1e300", r"line 2, pose is at \[1e\+300"),
     "no size": ("detections.csv", ",4.0,", ",0.0,", "length is 0.0"),
@@ -199,3 +199,58 @@ def test_a_message_that_was_recorded_cut_is_named(bag):
     ros_log.write_messages(bag, {"/points": {STAMPS[0]: cut}, "/odometry": {STAMPS[0]: pose}})
     with pytest.raises(DataError, match=r"drive\.mcap: content is unreadable \(SerdeError"):
         open_bag(bag).sweep(0)
+
+
+def padded_cloud(stamp_ns: int, row_step: int, pad: int) -> bytes:
+    """A cloud of two rows of a hundred points, each row followed by `pad` bytes."""
+    store = ros_log.types().types
+    points = ros_log.structured(cloud(0), np.full(200, 51.0)).reshape(2, 100)
+    step = points.dtype.itemsize
+    data = b"".join(row.tobytes() + b"\xff" * pad for row in points)
+    field = store["sensor_msgs/msg/PointField"]
+    fields = [field(name, 4 * i, 7, 1) for i, name in enumerate(points.dtype.names)]
+    message = store["sensor_msgs/msg/PointCloud2"](
+        ros_log.header(stamp_ns),
+        2,
+        100,
+        fields,
+        False,
+        step,
+        row_step,
+        np.frombuffer(data, np.uint8),
+        False,
+    )
+    return bytes(ros_log.types().serialize_cdr(message, message.__msgtype__))
+
+
+@pytest.mark.parametrize(("row_step", "pad"), [(1600, 0), (0, 0), (1664, 64)])
+def test_rows_of_a_cloud_may_be_padded(bag, row_step, pad):
+    """Rows are at k x row_step; 0 means that they are not padded."""
+    data = padded_cloud(STAMPS[0], row_step, pad)
+    poses = {stamp: ros_log.odometry(stamp, Pose.identity()) for stamp in STAMPS}
+    ros_log.write_messages(bag, {"/points": {STAMPS[0]: data}, "/odometry": poses})
+    np.testing.assert_allclose(open_bag(bag).sweep(0).xyz_m, cloud(0), atol=1e-5)
+
+
+def test_a_row_step_that_is_too_small_and_topics_in_each_others_place(bag):
+    poses = {stamp: ros_log.odometry(stamp, Pose.identity()) for stamp in STAMPS}
+    data = padded_cloud(STAMPS[0], 100, 0)
+    ros_log.write_messages(bag, {"/points": {STAMPS[0]: data}, "/odometry": poses})
+    with pytest.raises(DataError, match="row_step is 100, expected at least 1600"):
+        open_bag(bag).sweep(0)
+    with pytest.raises(DataError, match="type of /odometry is nav_msgs/msg/Odometry, expected sen"):
+        open_bag(bag, points_topic="/odometry", odometry_topic="/points")
+
+
+def test_a_log_of_a_killed_recorder_and_logs_of_other_formats(bag, tmp_path):
+    from mottrack.datasets.ros.config import RosConfig
+    from mottrack.datasets.ros.dataset import RosLogs
+
+    bag.write_bytes(bag.read_bytes()[:-20])
+    with pytest.raises(DataError, match="unfinished, expected a finished log"):
+        open_bag(bag)
+    other = tmp_path / "bags"
+    other.mkdir()
+    (other / "a.bag").write_bytes(b"#ROSBAG V2.0")
+    with pytest.raises(DataError, match=r"logs of another format.*rosbags-convert"):
+        _ = RosLogs(RosConfig(root=other)).scene_names

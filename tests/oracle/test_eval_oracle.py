@@ -15,7 +15,8 @@ from trackeval.metrics import CLEAR, HOTA, Identity
 
 from mottrack.core.errors import MottrackError
 from mottrack.eval import clear, hota, identity
-from mottrack.eval.mot import image_pairs, preprocess, read_boxes
+from mottrack.eval.mot import image_pairs, preprocess
+from mottrack.eval.mot_boxes import read_boxes
 from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.outputs import details_json, summary_json
 from mottrack.eval.nuscenes.rules import Rules

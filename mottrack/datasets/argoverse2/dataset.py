@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core import DataError, Frame, Sweep, TruthTable
 from mottrack.core.arrays import F64
 from mottrack.datasets.argoverse2.config import CLASSES, Argoverse2Config
 from mottrack.datasets.argoverse2.ground_height import GroundHeight, read_ground_height
 from mottrack.datasets.argoverse2.log_files import (
+    LogPoses,
     annotation_stamps,
     read_annotations,
     read_lidar_origin,
@@ -21,11 +22,18 @@ from mottrack.datasets.argoverse2.log_files import (
     sweep_stamps,
 )
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
-from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.scenes import (
+    SWEEP_OR_OPTION,
+    checked_index,
+    chosen_scenes,
+    require_scene,
+    scenes_in,
+)
 from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.faults import MissingError
-from mottrack.formats.files import existing_folder, inside
+from mottrack.formats.files import existing_folder, inside, present
 
+ANNOTATIONS = "annotations.feather"
 POSES = "city_SE3_egovehicle.feather"
 
 
@@ -89,7 +97,7 @@ class Argoverse2Scene:
         stamp_ns = self._stamp_ns(index)
         return Frame(
             stamp_ns=stamp_ns,
-            world_T_ego=self._poses[stamp_ns],
+            world_T_ego=self._poses.frames[stamp_ns],
             detections=objects_of(self._detections, index, stamp_ns),
             truth=truth_of(self._truth, index, stamp_ns),
             token=str(stamp_ns),
@@ -103,7 +111,9 @@ class Argoverse2Scene:
         """
         stamp_ns = self._stamp_ns(index)
         path = self._folder / "sensors" / "lidar" / f"{stamp_ns}.feather"
-        read = read_sweep(path, stamp_ns, self._poses[stamp_ns], self._origin_m)
+        if not present(path):
+            raise MissingError(path, "sweep", "missing", SWEEP_OR_OPTION)
+        read = read_sweep(path, stamp_ns, self._poses.frames[stamp_ns], self._origin_m)
         return without_own_body(read, self._config.vehicle)
 
     def ground_height(self, xy_m: F64) -> F64:
@@ -120,31 +130,38 @@ class Argoverse2Scene:
 
     @property
     def _annotation_file(self) -> Path:
-        return self._folder / "annotations.feather"
+        return self._folder / ANNOTATIONS
 
     def _stamp_ns(self, index: int) -> int:
         return self._stamps[checked_index(index, len(self), self.name)]
 
     def _frame_stamps(self) -> list[int]:
         stamps = set(self._sweep_stamps)
-        if not self._config.require_sweeps and self._annotation_file.is_file():
+        if not self._config.require_sweeps and present(self._annotation_file):
             stamps |= set(annotation_stamps(self._annotation_file).tolist())
         if not stamps:
-            raise DataError(self._folder, "frames", "none", "sweeps or annotations")
+            found = "none" + self._other_annotations()
+            raise DataError(self._folder, "frames", found, f"sweeps or {ANNOTATIONS}")
         return sorted(stamps)[: self._config.frames]
 
-    def _frame_poses(self) -> dict[int, Pose]:
+    def _other_annotations(self) -> str:
+        """Return the words for annotations that lie there under another name."""
+        names = sorted(path.name for path in self._folder.glob("annotations*"))
+        return f" (there is {', '.join(names)})" if names else ""
+
+    def _frame_poses(self) -> LogPoses:
         poses = read_poses(self._folder / POSES)
         for stamp in self._stamps:
             if stamp not in poses:
                 expected = f"a row with timestamp_ns {stamp}"
                 raise MissingError(self._folder / POSES, "pose", "missing", expected)
-        return {stamp: poses[stamp] for stamp in self._stamps}
+        every = np.array(sorted(poses), dtype=np.int64)
+        return LogPoses({stamp: poses[stamp] for stamp in self._stamps}, every)
 
     @cached_property
     def _origin_m(self) -> F64:
         path = self._folder / "calibration" / "egovehicle_SE3_sensor.feather"
-        return read_lidar_origin(path) if path.is_file() else np.array(self._config.lidar_origin_m)
+        return read_lidar_origin(path) if present(path) else np.array(self._config.lidar_origin_m)
 
     @cached_property
     def _ground(self) -> GroundHeight | None:
@@ -152,7 +169,7 @@ class Argoverse2Scene:
 
     @cached_property
     def _truth(self) -> TruthTable | None:
-        if not self._annotation_file.is_file():
+        if not present(self._annotation_file):
             return None
         return read_annotations(self._annotation_file, self._poses, self._config)
 

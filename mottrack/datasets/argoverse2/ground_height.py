@@ -7,12 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import orjson
 
 from mottrack.core.arrays import F32, F64
 from mottrack.core.errors import DataError
-from mottrack.datasets.rigid import MAX_DEFECT
+from mottrack.core.npz import unpacked_npy
 from mottrack.formats.files import read_bytes
+from mottrack.formats.json_text import parse_json
+from mottrack.formats.rigid import MAX_DEFECT
+
+MAX_HEIGHT_M = 1e4
+"""Of the ground over the city's origin: no mountain is higher."""
 
 
 @dataclass(frozen=True)
@@ -56,24 +60,31 @@ def read_ground_height(folder: Path) -> GroundHeight | None:
 
 
 def _raster(path: Path) -> F32:
+    data = read_bytes(path)
     try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(path, "content", f"unreadable ({error})", "an npy file") from error
+        values = unpacked_npy(data)
+    except ValueError as error:
+        raise DataError(path, "content", error, "an npy file") from error
     if values.ndim != 2 or values.dtype.kind != "f":
         raise DataError(path, "raster", f"{values.dtype} {values.shape}", "(H, W) numbers")
+    # NaN is where the map does not know the height
+    if np.isinf(values).any() or np.nanmax(np.abs(values), initial=0.0) > MAX_HEIGHT_M:
+        worst = np.nanmax(np.abs(values))
+        raise DataError(path, "raster", f"up to {worst}", f"heights within {MAX_HEIGHT_M:g} m")
     return np.asarray(values, dtype=np.float32)
 
 
 def _with_transform(path: Path, height_m: F32) -> GroundHeight:
     try:
-        values: dict[str, Any] = orjson.loads(read_bytes(path))
+        values: dict[str, Any] = parse_json(path, read_bytes(path))
         rotation = np.array(values["R"], dtype=np.float64).reshape(2, 2)
         translation = np.array(values["t"], dtype=np.float64).reshape(2)
         scale = float(values["s"])
-    except (orjson.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        raise DataError(path, "transform", f"unreadable ({error})", "R (4), t (2), s") from error
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise DataError(
+            path, "transform", f"unreadable ({type(error).__name__}: {error})", "R (4), t (2), s"
+        ) from error
     off = np.abs(rotation @ rotation.T - np.eye(2)).max()
-    if not off < MAX_DEFECT or not np.isfinite(translation).all() or not scale > 0.0:
+    if not off < MAX_DEFECT or not np.isfinite(translation).all() or not 0.0 < scale < np.inf:
         raise DataError(path, "transform", values, "a rotation R, a finite t and a positive s")
     return GroundHeight(height_m, rotation, translation, scale)

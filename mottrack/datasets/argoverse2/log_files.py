@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +12,8 @@ import numpy as np
 from mottrack.core import Pose, Sweep, TruthTable
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
+from mottrack.core.limits import MAX_POINTS
 from mottrack.datasets.argoverse2.config import Argoverse2Config
-from mottrack.datasets.checks import (
-    check_ego_places,
-    check_interval,
-    check_points,
-    check_rotations,
-    check_sizes,
-)
-from mottrack.datasets.rigid import quaternion_pose, quaternion_yaws
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     centred_velocities,
@@ -26,8 +21,19 @@ from mottrack.datasets.scene_boxes import (
     to_world,
     unknown_velocities,
 )
+from mottrack.formats.checks import (
+    check_ego_places,
+    check_interval,
+    check_points,
+    check_points_in_box,
+    check_rings,
+    check_rotations,
+    check_sizes,
+    check_upright,
+)
 from mottrack.formats.columns import Columns, ColumnSpec, specs
 from mottrack.formats.feather import read_feather_columns
+from mottrack.formats.rigid import quaternion_pose, quaternion_yaws
 
 ROTATION = ("qw", "qx", "qy", "qz")
 TRANSLATION = ("tx_m", "ty_m", "tz_m")
@@ -35,6 +41,9 @@ SIZE = ("length_m", "width_m", "height_m")
 UP_LIDAR = "up_lidar"
 INTENSITY_MAX = 255.0
 """Argoverse stores the intensity in eight bits."""
+MAX_OFFSET_NS = 1e9
+"""A revolution takes a tenth of a second; of a sweep no point is a second away from its stamp."""
+_STAMP_NAME = re.compile("[0-9]{1,19}")
 _STAMP = ColumnSpec("timestamp_ns", int)
 _POSE = specs(*ROTATION, *TRANSLATION)
 _CUBOID = (_STAMP, ColumnSpec("category", str), *specs(*SIZE), *_POSE)
@@ -78,7 +87,8 @@ def read_lidar_origin(path: Path) -> F64:
 
 def sweep_stamps(folder: Path) -> list[int]:
     """Return the times in nanoseconds for which there is a sweep, ascending."""
-    return sorted(int(p.stem) for p in folder.glob("*.feather") if p.stem.isdigit())
+    names = (path.stem for path in folder.glob("*.feather"))
+    return sorted(int(name) for name in names if _STAMP_NAME.fullmatch(name))
 
 
 def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: F64) -> Sweep:
@@ -87,10 +97,11 @@ def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: F64) -> S
     Raises:
         DataError: missing or damaged file, no points, a value that is not finite or out of range.
     """
-    table = read_feather_columns(path, _POINT)
+    table = read_feather_columns(path, _POINT, MAX_POINTS)
     xyz_m = table.stacked(("x", "y", "z"))
     check_points(path, xyz_m)
     check_interval(path, "intensity", table["intensity"], INTENSITY_MAX)
+    check_interval(path, "|offset_ns|", np.abs(table["offset_ns"]), MAX_OFFSET_NS)
     return Sweep(
         xyz_m=xyz_m.astype(np.float32),
         reflectance=(table["intensity"] / INTENSITY_MAX).astype(np.float32),
@@ -98,7 +109,7 @@ def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: F64) -> S
         world_T_ego=world_T_ego,
         origin_m=origin_m,
         time_offset_ns=table["offset_ns"],
-        ring=table["laser_number"].astype(np.int16),
+        ring=check_rings(path, table["laser_number"]),
     )
 
 
@@ -107,12 +118,24 @@ def annotation_stamps(path: Path) -> I64:
     return np.unique(read_feather_columns(path, (_STAMP,))["timestamp_ns"])
 
 
-def read_annotations(path: Path, poses: Mapping[int, Pose], config: Argoverse2Config) -> TruthTable:
+@dataclass(frozen=True)
+class LogPoses:
+    """The poses of a log.
+
+    frames: `world_T_ego` by the stamp of each frame, ascending.
+    every_stamp_ns: ascending times of all poses, frames or not.
+    """
+
+    frames: Mapping[int, Pose]
+    every_stamp_ns: I64
+
+
+def read_annotations(path: Path, poses: LogPoses, config: Argoverse2Config) -> TruthTable:
     """Return the annotations at the frames in the world.
 
     Args:
         path: `annotations.feather`.
-        poses: `world_T_ego` by the stamp of each frame, ascending.
+        poses: of the log.
         config: names the classes.
 
     Raises:
@@ -120,8 +143,8 @@ def read_annotations(path: Path, poses: Mapping[int, Pose], config: Argoverse2Co
     """
     further = (ColumnSpec("num_interior_pts", int), ColumnSpec("track_uuid", str))
     table = _at_frames(_checked_cuboids(read_feather_columns(path, (*_CUBOID, *further))), poses)
-    points = table["num_interior_pts"]
-    table.refuse("num_interior_pts", points < 0, "0 or more")
+    check_points_in_box(table, "num_interior_pts")
+    table.refuse("track_uuid", table["track_uuid"] == "", "a name")
     identity = np.unique(table["track_uuid"], return_inverse=True)[1].astype(np.int64)
     keys = np.column_stack([table["frame"], identity])
     table.refuse_repeated("track_uuid", keys, "each track once a time")
@@ -134,31 +157,27 @@ def read_annotations(path: Path, poses: Mapping[int, Pose], config: Argoverse2Co
         size_m=table["size"],
         yaw_rad=yaw_rad,
         velocity_mps=centred_velocities(identity, table["timestamp_ns"], centre_m),
-        num_points=points,
+        num_points=table["num_interior_pts"],
         interpolated=np.zeros(len(table), dtype=bool),
     )
 
 
 def read_log_detections(
-    path: Path, log: str, poses: Mapping[int, Pose], config: Argoverse2Config
+    path: Path, log: str, poses: LogPoses, config: Argoverse2Config
 ) -> DetectionTable | None:
     """Return the detections of a log in the world; None if the file has none of this log.
 
     The columns are those of an Argoverse 2 detection submission, cuboids in the ego frame.
 
     Raises:
-        DataError: damaged file, a value out of range, or no time that is a frame's.
+        DataError: damaged file, a value out of range, or a time at which the log has no pose.
     """
     further = (ColumnSpec("score"), ColumnSpec("log_id", str))
     table = read_feather_columns(path, (*_CUBOID, *further))
     table = table.select(table["log_id"] == log)
     if not len(table):
         return None
-    first_ns = table["timestamp_ns"][0]
     table = _at_frames(_checked_cuboids(table), poses)
-    if not len(table) and config.frames is None:
-        expected = "a frame's, as no other is either"
-        raise DataError(path, f"timestamp_ns of {log}", first_ns, expected)
     centre_m, yaw_rad = _in_world(table, poses)
     return DetectionTable(
         frame=table["frame"],
@@ -180,22 +199,37 @@ def _checked_cuboids(table: Columns) -> Columns:
     )
     check_sizes(table, "size")
     check_rotations(table)
+    check_upright(table)
     check_ego_places(table, "translation")
     table.refuse("category", table["category"] == "", "a name")
     return table
 
 
-def _at_frames(table: Columns, poses: Mapping[int, Pose]) -> Columns:
+def _at_frames(table: Columns, poses: LogPoses) -> Columns:
     """Return the rows whose time is that of a frame, sorted by frame, with its index."""
-    frame = frames_at(table["timestamp_ns"], list(poses))
+    _refuse_lost(table, poses.every_stamp_ns)
+    frame = frames_at(table["timestamp_ns"], list(poses.frames))
     rows = np.flatnonzero(frame >= 0)
     order = rows[np.argsort(frame[rows], kind="stable")]
     return table.select(order).extended(frame=frame[order])
 
 
-def _in_world(table: Columns, poses: Mapping[int, Pose]) -> tuple[F64, F64]:
+def _refuse_lost(table: Columns, stamps_ns: I64) -> None:
+    """Refuse rows at whose time the log has no pose: they would be left out without a word."""
+    lost = frames_at(table["timestamp_ns"], stamps_ns) < 0
+    if lost.any():
+        first = table["timestamp_ns"][np.argmax(lost)]
+        near = int(np.abs(stamps_ns - first).min())
+        expected = (
+            f"the stamp of a pose, the nearest is {near} ns away; {np.count_nonzero(lost)} of "
+            f"{len(table)} rows have none (float64 keeps no nanoseconds)"
+        )
+        table.refuse("timestamp_ns", lost, expected)
+
+
+def _in_world(table: Columns, poses: LogPoses) -> tuple[F64, F64]:
     yaw_rad = quaternion_yaws(table["rotation"])
-    return to_world(table["translation"], yaw_rad, table["frame"], list(poses.values()))
+    return to_world(table["translation"], yaw_rad, table["frame"], list(poses.frames.values()))
 
 
 def _labels(category: Texts, config: Argoverse2Config) -> Texts:

@@ -22,7 +22,7 @@ from mottrack.datasets.argoverse2.log_files import (
     UP_LIDAR,
 )
 from mottrack.datasets.counting import counted_points
-from mottrack.datasets.rigid import quaternion_wxyz, yaw_quaternions
+from mottrack.formats.rigid import quaternion_wxyz, yaw_quaternions
 
 _ARGOVERSE = {category: label for category, label in CLASS_MAP.items() if category.isupper()}
 CATEGORY_OF = {label: category for category, label in reversed(_ARGOVERSE.items())} | {

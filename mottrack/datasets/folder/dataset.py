@@ -17,7 +17,7 @@ from mottrack.datasets.folder.log_files import (
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
 from mottrack.datasets.vehicle import without_own_body
-from mottrack.formats.files import existing_folder
+from mottrack.formats.files import existing_folder, present
 
 POSES = "poses.csv"
 
@@ -112,9 +112,9 @@ class FolderScene:
     @cached_property
     def _truth(self) -> TruthTable | None:
         path = self._folder / "boxes.csv"
-        return read_boxes_csv(path, self._poses) if path.is_file() else None
+        return read_boxes_csv(path, self._poses) if present(path) else None
 
     @cached_property
     def _detections(self) -> DetectionTable | None:
         path = self.detections_at
-        return read_detections_csv(path, self._poses) if path.is_file() else None
+        return read_detections_csv(path, self._poses) if present(path) else None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,15 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import DataError, InputError, Pose, Sweep, TruthTable
-from mottrack.datasets.checks import (
-    check_ego_places,
-    check_headings,
-    check_interval,
-    check_points,
-    check_sizes,
-    read_float_rows,
-)
-from mottrack.datasets.rigid import quaternion_pose
+from mottrack.core.npz import unpacked_npz
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     centred_velocities,
@@ -28,10 +18,21 @@ from mottrack.datasets.scene_boxes import (
     to_world,
     unknown_velocities,
 )
+from mottrack.formats.checks import (
+    check_ego_places,
+    check_headings,
+    check_interval,
+    check_points,
+    check_sizes,
+    read_float_rows,
+)
 from mottrack.formats.columns import Columns, ColumnSpec, specs
 from mottrack.formats.faults import OutOfOrderError
-from mottrack.formats.text_rows import read_text_columns
+from mottrack.formats.files import present, read_bytes
+from mottrack.formats.rigid import quaternion_pose
+from mottrack.formats.text_rows import Layout, read_text_columns
 
+CSV = Layout(",", header=True)
 _PLACE, _ROTATION = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
 _SIZE = ("length", "width", "height")
 _STAMP, _LABEL = ColumnSpec("stamp_ns", int), ColumnSpec("label", str)
@@ -48,7 +49,7 @@ def read_poses_csv(path: Path) -> dict[int, Pose]:
         DataError: a broken line, a stamp that is not later than the one before, or a quaternion
             that is not a unit one.
     """
-    table = read_text_columns(path, _POSE, separator=",", header=True)
+    table = read_text_columns(path, _POSE, CSV)
     stamps = table["stamp_ns"].tolist()
     rotation, place = table.stacked(_ROTATION), table.stacked(_PLACE)
     poses = {}
@@ -67,7 +68,7 @@ def read_boxes_csv(path: Path, poses: Mapping[int, Pose]) -> TruthTable:
         DataError: a broken line, a value out of range, a stamp without a pose, or an identity twice
             at one stamp.
     """
-    table = _in_frames(read_text_columns(path, _LABELLED, separator=",", header=True), poses)
+    table = _in_frames(read_text_columns(path, _LABELLED, CSV), poses)
     keys = np.column_stack([table["frame"], table["id"]])
     table.refuse_repeated("id", keys, "each identity once a stamp")
     centre_m, yaw_rad = to_world(
@@ -92,7 +93,7 @@ def read_detections_csv(path: Path, poses: Mapping[int, Pose]) -> DetectionTable
     Raises:
         DataError: a broken line, a value out of range, or a stamp without a pose.
     """
-    table = _in_frames(read_text_columns(path, _DETECTED, separator=",", header=True), poses)
+    table = _in_frames(read_text_columns(path, _DETECTED, CSV), poses)
     centre_m, yaw_rad = to_world(
         table.stacked(_PLACE), table["yaw"], table["frame"], list(poses.values())
     )
@@ -122,7 +123,7 @@ def _in_frames(table: Columns, poses: Mapping[int, Pose]) -> Columns:
 def sweep_file(folder: Path, stamp_ns: int) -> Path:
     """Return the npz of a stamp where there is one, else the bin."""
     npz = folder / f"{stamp_ns}.npz"
-    return npz if npz.is_file() else folder / f"{stamp_ns}.bin"
+    return npz if present(npz) else folder / f"{stamp_ns}.bin"
 
 
 def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: Sequence[float]) -> Sweep:
@@ -148,12 +149,11 @@ def _bin(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def _npz(path: Path) -> dict[str, NDArray[Any]]:
-    wanted = {"xyz_m", "reflectance", "time_offset_ns", "ring"}
+    data = read_bytes(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files if name in wanted}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise DataError(path, "content", f"unreadable ({error})", "an npz file") from error
+        arrays = unpacked_npz(data, ("xyz_m", "reflectance", "time_offset_ns", "ring"))
+    except ValueError as error:
+        raise DataError(path, "content", error, "an npz file") from error
     for name, dimensions in (("xyz_m", 2), ("reflectance", 1)):
         array = arrays.get(name)
         if array is None or array.ndim != dimensions or array.dtype.kind not in "fiu":

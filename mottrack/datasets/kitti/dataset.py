@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
+from mottrack.core.concerns import Concern
 from mottrack.core.sweep import SECOND_NS
-from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
 from mottrack.datasets.kitti.labels import camera_boxes, read_detection_file, read_label_file
@@ -23,11 +23,18 @@ from mottrack.datasets.scene_boxes import (
     truth_of,
     unknown_velocities,
 )
-from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
+from mottrack.datasets.scenes import (
+    SWEEP_OR_OPTION,
+    checked_index,
+    chosen_scenes,
+    require_scene,
+    scenes_in,
+)
 from mottrack.datasets.vehicle import without_own_body
+from mottrack.formats.checks import check_interval, check_points, read_float_rows
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import MissingError
-from mottrack.formats.files import existing_folder
+from mottrack.formats.files import existing_folder, present
 
 
 class Kitti:
@@ -111,6 +118,8 @@ class KittiScene:
         """
         number = self._number(index)
         path = self._files.sweep(number)
+        if not present(path):
+            raise MissingError(path, "sweep", "missing", SWEEP_OR_OPTION)
         values = read_float_rows(path, 4)
         check_points(path, values[:, :3])
         check_interval(path, "reflectance", values[:, 3], 1.0)
@@ -123,6 +132,17 @@ class KittiScene:
         """Pattern of the detector's files; the root where none were named."""
         return self._files.detections_at
 
+    @property
+    def concerns(self) -> tuple[Concern, ...]:
+        """Poses beyond the last frame that has labels or a sweep: another sequence's, perhaps."""
+        swept = self._files.last_frame() + 1
+        known = max(self._frames_labelled(), swept)
+        beyond = len(self._poses) - known
+        if beyond <= 0 or not swept:  # the last frames of a sequence may be without any label
+            return ()
+        text = f"after frame {known - 1}, the last with labels or a sweep"
+        return (Concern("poses of no frame", beyond, text),)
+
     def _number(self, index: int) -> int:
         return self._numbers[checked_index(index, len(self), self.name)]
 
@@ -133,7 +153,7 @@ class KittiScene:
         files, source = self._files, self._files.config.poses
         if source == "none":
             return [Pose.identity()] * max(self._frames_labelled(), files.last_frame() + 1)
-        if source == "poses" or (source == "auto" and not files.text("oxts").is_file()):
+        if source == "poses" or (source == "auto" and not present(files.text("oxts"))):
             path, read = files.text("poses"), read_camera_poses
         else:
             path, read = files.text("oxts"), read_oxts
@@ -157,7 +177,7 @@ class KittiScene:
     @cached_property
     def _labels(self) -> Columns | None:
         path = self._files.text("label_02")
-        return read_label_file(path) if path.is_file() else None
+        return read_label_file(path) if present(path) else None
 
     @cached_property
     def _truth(self) -> TruthTable | None:

@@ -6,29 +6,26 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.datasets.checks import check_ego_places, check_headings, check_sizes
 from mottrack.datasets.kitti.boxes import CameraBoxes
+from mottrack.formats.checks import check_ego_places, check_headings, check_sizes
 from mottrack.formats.columns import Columns, ColumnSpec, specs
-from mottrack.formats.text_rows import read_text_columns
+from mottrack.formats.kitti_rows import (
+    DONT_CARE,
+    IMAGE_BOX,
+    MAX_FRAME,
+    read_kitti_rows,
+    refuse_repeated_tracks,
+)
+from mottrack.formats.text_rows import Layout, read_text_columns
 
-DONT_CARE = "DontCare"
 DETECTOR_TYPES = {1: "Pedestrian", 2: "Car", 3: "Cyclist"}
 """The numbers of the AB3DMOT text format."""
 
-_FRAME = ColumnSpec("frame", int)
-_IMAGE = specs("x1", "y1", "x2", "y2")
-_BOX = specs("h", "w", "l", "x", "y", "z", "ry")
-_LABEL = (
-    _FRAME,
-    ColumnSpec("track", int),
-    ColumnSpec("type", str),
-    *specs("truncated", "occluded", "alpha"),
-    *_IMAGE,
-    *_BOX,
+_DETECTION = (
+    ColumnSpec("frame", int),
+    ColumnSpec("type", int),
+    *specs(*IMAGE_BOX, "score", "h", "w", "l", "x", "y", "z", "ry"),
 )
-_DETECTION = (_FRAME, ColumnSpec("type", int), *_IMAGE, *specs("score"), *_BOX)
-MAX_FRAME = 999_999
-"""A frame's file name has six digits."""
 
 
 def read_label_file(path: Path) -> Columns:
@@ -40,11 +37,11 @@ def read_label_file(path: Path) -> Columns:
     Raises:
         DataError: a broken line, a size that is not positive, or a track twice in one frame.
     """
-    table = read_text_columns(path, _LABEL, optional=1)
+    table = read_kitti_rows(path)
     table = table.select(table["type"] != DONT_CARE)
+    table.refuse("track", table["track"] < 0, "0 or more")
     _check_boxes(table)
-    keys = np.column_stack([table["frame"], table["track"]])
-    table.refuse_repeated("track", keys, "each track once a frame")
+    refuse_repeated_tracks(table)
     return table
 
 
@@ -57,7 +54,7 @@ def read_detection_file(path: Path) -> Columns:
     Raises:
         DataError: a broken line, an unknown type or a size that is not positive.
     """
-    table = read_text_columns(path, _DETECTION, separator=",", optional=1)
+    table = read_text_columns(path, _DETECTION, Layout(",", optional=1))
     _check_boxes(table)
     known = np.isin(table["type"], list(DETECTOR_TYPES))
     table.refuse("type", ~known, f"one of {sorted(DETECTOR_TYPES)}")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mottrack.datasets.kitti.config import KittiConfig
 from mottrack.datasets.kitti.labels import DETECTOR_TYPES
-from mottrack.formats.files import inside
+from mottrack.formats.files import inside, present
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class SequenceFiles:
             return ()
         folder = inside(self.config.root, self.config.detections)
         paths = (folder / kind / f"{self.sequence}.txt" for kind in DETECTOR_TYPES.values())
-        return tuple(path for path in paths if path.is_file())
+        return tuple(path for path in paths if present(path))
 
     @property
     def detections_at(self) -> Path:

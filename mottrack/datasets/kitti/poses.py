@@ -19,11 +19,11 @@ import numpy as np
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError
-from mottrack.datasets.checks import MAX_ANGLE_RAD
-from mottrack.datasets.rigid import rigid_pose
+from mottrack.formats.checks import MAX_ANGLE_RAD
 from mottrack.formats.columns import Columns, ColumnSpec, specs
 from mottrack.formats.faults import MissingError
-from mottrack.formats.text_rows import read_lines, read_text_columns
+from mottrack.formats.rigid import rigid_pose
+from mottrack.formats.text_rows import Layout, finite_values, read_lines, read_text_columns
 
 # The tracking and the object benchmark spell the same matrices differently.
 _NAMES = {
@@ -95,6 +95,8 @@ def _read_matrices(path: Path) -> dict[str, F64]:
     for number, line in enumerate(read_lines(path), start=1):
         key, _, values = line.strip().partition(" ")
         name = _NAMES.get(key.rstrip(":"))
+        if name in matrices:
+            raise DataError(path, f"line {number}", f"{key} again", "each matrix once")
         if name is not None:
             matrices[name] = _parse_matrix(path, f"line {number}, {key}", values, _VALUES[name])
     for name in _VALUES:
@@ -104,13 +106,10 @@ def _read_matrices(path: Path) -> dict[str, F64]:
 
 
 def _parse_matrix(path: Path, where: str, text: str, count: int) -> F64:
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError as error:
-        raise DataError(path, where, text.strip(), f"{count} numbers") from error
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise DataError(path, where, text.strip(), f"{count} finite numbers")
-    return values
+    words = text.split()
+    if len(words) != count:
+        raise DataError(path, where, f"{len(words)} values", f"{count} numbers")
+    return np.array(finite_values(path, where, words))
 
 
 def read_camera_poses(path: Path, calibration: Calibration) -> list[Pose]:
@@ -150,7 +149,7 @@ def read_oxts(path: Path, calibration: Calibration) -> list[Pose]:
 
 
 def _rows(path: Path, columns: tuple[ColumnSpec, ...], *, further: int) -> Columns:
-    table = read_text_columns(path, columns, optional=further)
+    table = read_text_columns(path, columns, Layout(optional=further))
     if not len(table):
         raise MissingError(path, "lines", 0, "one for each frame")
     return table

@@ -8,11 +8,11 @@ from pathlib import Path
 from mottrack.core.errors import DataError, ResultError
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
-from mottrack.datasets.nuscenes.records import TABLES, SceneRecord, build_records
 from mottrack.datasets.nuscenes.scene import NuScenesScene
 from mottrack.datasets.scenes import chosen_scenes, require_scene
 from mottrack.formats.cache import cache_folder, cache_key, is_large
 from mottrack.formats.files import existing_folder, inside
+from mottrack.formats.nuscenes_records import TABLES, SceneRecord, build_records
 from mottrack.formats.nuscenes_splits import resolve_split
 from mottrack.formats.nuscenes_tables import NuScenesTables, text_of
 

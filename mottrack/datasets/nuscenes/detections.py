@@ -23,15 +23,22 @@ from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import read_arrays, write_arrays
-from mottrack.datasets.checks import check_rotations, check_sizes, check_world_places
 from mottrack.datasets.nuscenes.config import DETECTION_NAMES
-from mottrack.datasets.rigid import quaternion_yaws
 from mottrack.datasets.scene_boxes import DetectionTable
 from mottrack.formats.cache import cache_key, is_large
+from mottrack.formats.checks import (
+    check_rotations,
+    check_sizes,
+    check_upright,
+    check_world_places,
+)
 from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.faults import MissingError, TruncatedError
+from mottrack.formats.files import present
 from mottrack.formats.nuscenes_classes import CLASSES
-from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, Row, json_array, json_arrays
+from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, json_arrays
+from mottrack.formats.rigid import quaternion_yaws
+from mottrack.formats.table_stream import Row, opened
 
 MAX_SPEED_MPS = 200.0
 """A faster object does not exist: its velocity is left out."""
@@ -46,7 +53,6 @@ _FIELDS = (
     ColumnSpec("detection_name", str),
     ColumnSpec("detection_score"),
 )
-_VELOCITY = ColumnSpec("velocity", width=2)
 _RESULTS = re.compile(rb'"results"\s*:\s*\{')
 _LIST = rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])'
 _EMPTY = re.compile(rb'"results"\s*:\s*\{\s*\}')
@@ -104,13 +110,13 @@ class DetectionFile:
             centre_m=found["translation"],
             size_m=found["size"][:, [1, 0, 2]],
             yaw_rad=wrap_angle(quaternion_yaws(found["rotation"])),
-            velocity_mps=_velocities(rows),
+            velocity_mps=_velocities(found, rows),
         )
         return table.select(tracked)
 
     def _rows(self, token: str) -> list[Row]:
         start, end = self._spans[token]
-        with self._path.open("rb") as file:
+        with opened(self._path) as file:
             file.seek(start)
             text = b"[" + file.read(end - start)
         rows = _first_value(text)
@@ -131,6 +137,7 @@ class DetectionFile:
         check_sizes(found, "size")
         check_world_places(found)
         check_rotations(found, tolerance=QUATERNION_TOLERANCE)
+        check_upright(found)
         known = np.isin(found["detection_name"], _encoded(DETECTION_NAMES))
         found.refuse("detection_name", ~known, f"one of {', '.join(DETECTION_NAMES)}")
         return found
@@ -158,14 +165,31 @@ def _first_value(text: bytes) -> Any:
     return value if rest[:1] in (",", "}") else None
 
 
-def _velocities(rows: list[Row]) -> F64:
+def _velocities(found: Columns, rows: list[Row]) -> F64:
     """Return (N, 2), NaN where a box has no usable velocity."""
+    given = [row.get("velocity") for row in rows]
+    missing = np.array([value is None for value in given], dtype=bool)
     velocity = np.full((len(rows), 2), np.nan)
-    for index, row in enumerate(rows):
-        values = json_array([row.get("velocity")], _VELOCITY)
-        if values is not None and np.abs(values[0]).max() < MAX_SPEED_MPS:
-            velocity[index] = values[0]
+    for index in np.flatnonzero(~missing):
+        value = given[index]
+        if value is None or not _is_pair(value):
+            place = found.place("velocity", index)
+            raise DataError(found.path, place, value, "2 numbers, or null where not known")
+        velocity[index] = [np.nan if number is None else number for number in value]
+    velocity[~(np.abs(velocity).max(axis=1, initial=0.0) < MAX_SPEED_MPS)] = np.nan
     return velocity
+
+
+def _is_pair(value: object) -> bool:
+    """Return whether a value is two numbers; orjson writes None for NaN."""
+    return (
+        isinstance(value, list)
+        and len(value) == 2
+        and all(
+            number is None or (isinstance(number, int | float) and not isinstance(number, bool))
+            for number in value
+        )
+    )
 
 
 def sample_spans(path: Path, cache_dir: Path | None) -> dict[str, tuple[int, int]]:
@@ -178,7 +202,8 @@ def sample_spans(path: Path, cache_dir: Path | None) -> dict[str, tuple[int, int
         DataError: missing file, no results, a cut end, or a sample that comes twice.
     """
     if not path.is_file():
-        raise MissingError(path, "file", "missing", "a detection file")
+        found = "not a file" if present(path) else "missing"
+        raise MissingError(path, "file", found, "a detection file")
     index = _index(path, cache_dir)
     names = [token.decode(errors="replace") for token in index["token"].tolist()]
     spans = zip(index["start"].tolist(), index["end"].tolist(), strict=True)
@@ -202,7 +227,7 @@ def _scan(path: Path) -> dict[str, NDArray[Any]]:
     """Return `token`, `start` and `end` (N,) of the lists of N samples."""
     if not path.stat().st_size:
         raise TruncatedError(path, "size in bytes", 0, "a detection file")
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+    with opened(path) as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
         _check_envelope(path, text)
         first = _FIRST.search(text)
         if first is None and not _EMPTY.search(text):

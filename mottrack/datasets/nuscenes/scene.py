@@ -11,11 +11,8 @@ from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import I64
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
-from mottrack.datasets.checks import check_interval, check_points, read_float_rows
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
-from mottrack.datasets.nuscenes.records import SceneRecord
-from mottrack.datasets.rigid import quaternion_pose, quaternion_yaws
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     centred_velocities,
@@ -24,14 +21,15 @@ from mottrack.datasets.scene_boxes import (
 )
 from mottrack.datasets.scenes import checked_index
 from mottrack.datasets.vehicle import without_own_body
+from mottrack.formats.checks import check_interval, check_points, check_rings, read_float_rows
 from mottrack.formats.files import inside
 from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, CLASSES
+from mottrack.formats.nuscenes_records import SceneRecord
 from mottrack.formats.nuscenes_tables import text_of
+from mottrack.formats.rigid import quaternion_pose, quaternion_yaws
 
 INTENSITY_MAX = 255.0
 """Intensities are stored as the sensor's eight bits."""
-RING_MAX = 1023.0
-"""LIDAR_TOP has 32 beams; sensors of other data sets in this format have more, none so many."""
 RATE_HZ = 20
 """Revolutions of LIDAR_TOP per second."""
 
@@ -108,7 +106,7 @@ class NuScenesScene:
         check_points(path, values[:, :3])
         intensity, ring = values[:, 3], values[:, 4]
         check_interval(path, "intensity", intensity, INTENSITY_MAX)
-        check_interval(path, "ring", ring, RING_MAX)
+        rings = check_rings(path, ring)
         mount = self._record.ego_T_lidar[sweep]
         ego_T_lidar = quaternion_pose(mount[:4], mount[4:], path, "mounting")
         read = Sweep(
@@ -117,7 +115,7 @@ class NuScenesScene:
             stamp_ns=self._stamp_ns(sweep),
             world_T_ego=self._pose(sweep),
             origin_m=ego_T_lidar.translation_m,
-            ring=ring.astype(np.int16),
+            ring=rings,
         )
         return without_own_body(read, self._config.vehicle)
 

@@ -12,13 +12,13 @@ from mottrack.core.arrays import F64
 from mottrack.core.storage import write_bytes
 from mottrack.datasets.counting import counted_points
 from mottrack.datasets.nuscenes.config import DETECTION_NAMES
-from mottrack.datasets.nuscenes.records import CHANNEL
 from mottrack.datasets.nuscenes.scene import INTENSITY_MAX
 from mottrack.datasets.nuscenes.static_rows import attribute_of, category_of, token_of
 from mottrack.datasets.nuscenes.submission import box_geometry
 from mottrack.datasets.nuscenes.visibility import visibilities
-from mottrack.datasets.rigid import quaternion_wxyz
-from mottrack.formats.nuscenes_tables import Row
+from mottrack.formats.nuscenes_records import CHANNEL
+from mottrack.formats.rigid import quaternion_wxyz
+from mottrack.formats.table_stream import Row
 
 PITCH_RAD, ROLL_RAD = 0.02, -0.006
 """Tilt of the mounting, about that of nuScenes' calibrations."""

@@ -7,8 +7,8 @@ import struct
 import zlib
 from typing import Any
 
-from mottrack.datasets.nuscenes.records import CHANNEL
 from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, RACK_CATEGORY
+from mottrack.formats.nuscenes_records import CHANNEL
 
 MAP_FILE = "maps/blank.png"
 DATE = "2020-01-01"

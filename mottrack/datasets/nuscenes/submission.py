@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import orjson
@@ -11,9 +12,9 @@ import orjson
 from mottrack.core import Boxes, DataError, InputError, SceneResult, TrackTable
 from mottrack.core.arrays import I64
 from mottrack.core.storage import write_bytes
-from mottrack.datasets.rigid import yaw_quaternions
 from mottrack.formats.nuscenes_classes import CLASSES
-from mottrack.formats.nuscenes_tables import Row
+from mottrack.formats.rigid import yaw_quaternions
+from mottrack.formats.table_stream import Row
 
 MAX_BOXES = 500
 """A submission may hold so many boxes a sample; those of the highest score are kept."""
@@ -26,11 +27,18 @@ LIDAR_ONLY = {
 }
 
 
+class Samples(NamedTuple):
+    """The sample tokens that a submission must have, and the split that they are."""
+
+    tokens: Collection[str]
+    split: str
+
+
 def write_submission(
     path: Path,
     results: Iterable[SceneResult],
     *,
-    sample_tokens: Collection[str] | None = None,
+    expected: Samples | None = None,
     meta: dict[str, bool] | None = None,
 ) -> int:
     """Write a tracking submission; return the number of its boxes.
@@ -41,7 +49,7 @@ def write_submission(
     Args:
         path: the JSON file.
         results: one for each scene of the split.
-        sample_tokens: all samples that the split has, to be sure that none is missing.
+        expected: all samples that the split has, to be sure that none is missing.
         meta: which inputs were used; LiDAR only by default.
 
     Raises:
@@ -51,10 +59,13 @@ def write_submission(
     samples: dict[str, list[Row]] = {}
     for result in results:
         _add_scene(samples, result)
-    missing = sorted(set(sample_tokens or ()) - samples.keys())
-    if missing:
-        expected = f"every sample of the split ({len(missing)} are missing)"
-        raise DataError(path, "sample", f"{missing[0]} not tracked", expected)
+    missing = sorted(set(expected.tokens) - samples.keys()) if expected else []
+    if expected and missing:
+        words = (
+            f"every sample of split {expected.split}: {len(missing)} of {len(expected.tokens)} are "
+            "missing (was the run over another --split?)"
+        )
+        raise DataError(path, "sample", f"{missing[0]} not tracked", words)
     write_bytes(
         path, orjson.dumps({"meta": LIDAR_ONLY if meta is None else meta, "results": samples})
     )

@@ -16,7 +16,7 @@ from mottrack.datasets.nuscenes.scene_rows import SceneRows
 from mottrack.datasets.nuscenes.static_rows import MAP_FILE, blank_map, static_tables
 from mottrack.datasets.nuscenes.submission import LIDAR_ONLY
 from mottrack.formats.nuscenes_splits import split_scenes
-from mottrack.formats.nuscenes_tables import Row
+from mottrack.formats.table_stream import Row
 
 VERSION = "v1.0-trainval"
 SPLITS_OF = {VERSION: ("val", "train"), "v1.0-mini": ("mini_val", "mini_train")}

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import Frame, Pose, Sweep
-from mottrack.datasets.checks import check_points
 from mottrack.datasets.ros.config import RosConfig
 from mottrack.datasets.ros.mcap_file import McapFile, MessageTime
-from mottrack.datasets.ros.messages import Odometry, point_columns
+from mottrack.datasets.ros.messages import ODOMETRY_TYPES, POINT_TYPES, Odometry, point_columns
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
 from mottrack.datasets.vehicle import without_own_body
+from mottrack.formats.checks import check_points, check_rings
 from mottrack.formats.faults import OutOfOrderError
 from mottrack.formats.files import existing_folder, inside
 
@@ -52,11 +52,13 @@ class RosScene:
     def __init__(self, path: Path, config: RosConfig) -> None:
         self._path, self._config = path, config
         self._file = McapFile(path)
-        self._times = sorted(self._file.times(config.points_topic), key=lambda t: t.stamp_ns)
+        self._times = sorted(
+            self._file.times(config.points_topic, POINT_TYPES), key=lambda t: t.stamp_ns
+        )
         stamps = [time.stamp_ns for time in self._times]
         if len(set(stamps)) != len(stamps):
             raise OutOfOrderError(path, config.points_topic, "a stamp twice", "each stamp once")
-        messages = self._file.messages(config.odometry_topic)
+        messages = self._file.messages(config.odometry_topic, ODOMETRY_TYPES)
         odometry = Odometry(messages, path, config.max_gap_s)
         self._poses = [odometry.at(stamp) for stamp in stamps]
 
@@ -101,7 +103,7 @@ class RosScene:
             stamp_ns=time.stamp_ns,
             world_T_ego=self._poses[index],
             origin_m=mounting.translation_m,
-            ring=columns["ring"].astype(np.int16) if "ring" in columns else None,
+            ring=check_rings(self._path, columns["ring"]) if "ring" in columns else None,
         )
         return without_own_body(read, self._config.vehicle)
 

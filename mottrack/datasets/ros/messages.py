@@ -10,11 +10,18 @@ from numpy.typing import NDArray
 
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
-from mottrack.core.errors import DataError
+from mottrack.core.errors import DataError, InputError
 from mottrack.core.sweep import SECOND_NS
-from mottrack.datasets.rigid import quaternion_pose
+from mottrack.formats.checks import check_count
 from mottrack.formats.faults import MissingError
+from mottrack.formats.rigid import quaternion_pose
 
+POINT_TYPES = ("sensor_msgs/msg/PointCloud2",)
+ODOMETRY_TYPES = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """sensor_msgs/msg/PointField's numbers of types."""
 
@@ -28,15 +35,29 @@ def point_columns(message: Any, path: Path) -> dict[str, NDArray[Any]]:
         DataError: the size of the data does not fit its description, or x, y, z are missing.
     """
     dtype = _layout(message, path)
-    count = int(message.width) * int(message.height)
+    width, height = int(message.width), int(message.height)
+    count = width * height
+    check_count(path, count)
+    row_bytes = _row_bytes(message, width * dtype.itemsize, path)
     data = bytes(message.data)
-    if len(data) < count * dtype.itemsize:
-        raise DataError(path, "point data", f"{len(data)} bytes", f"{count * dtype.itemsize}")
-    points = np.frombuffer(data, dtype=dtype, count=count)
+    needed = (height - 1) * row_bytes + width * dtype.itemsize if count else 0
+    if len(data) < needed:
+        raise DataError(path, "point data", f"{len(data)} bytes", f"{needed}")
+    points = np.ndarray((height, width), dtype, data, 0, (row_bytes, dtype.itemsize)).ravel()
     known = np.ones(count, dtype=bool)
     for axis in "xyz":
         known &= np.isfinite(points[axis].astype(np.float64))
     return {name: points[name][known] for name in points.dtype.names or ()}
+
+
+def _row_bytes(message: Any, packed: int, path: Path) -> int:
+    """Return the bytes from one row of points to the next; drivers that pad none leave out 0."""
+    step = int(message.row_step)
+    if step == 0 or int(message.height) <= 1:
+        return packed
+    if step < packed:
+        raise DataError(path, "row_step", step, f"at least {packed}, a row of points")
+    return step
 
 
 def _layout(message: Any, path: Path) -> np.dtype[Any]:
@@ -91,11 +112,14 @@ class Odometry:
 
 def _stamp_ns(message: Any) -> int:
     stamp = message.header.stamp
+    if not 0 <= int(stamp.nanosec) < SECOND_NS:
+        raise InputError("nanoseconds of a stamp", int(stamp.nanosec), "less than a second")
     return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
 def _pose_values(message: Any) -> list[float]:
     """Return the quaternion w, x, y, z and the position x, y, z."""
-    pose = message.pose.pose
+    # a PoseStamped holds the pose itself, the others a pose with its covariance
+    pose = getattr(message.pose, "pose", message.pose)
     q, p = pose.orientation, pose.position
     return [q.w, q.x, q.y, q.z, p.x, p.y, p.z]

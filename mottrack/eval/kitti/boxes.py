@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Texts
-from mottrack.core.errors import DataError
-from mottrack.formats.text_rows import finite_numbers, read_lines
+from mottrack.formats.kitti_rows import IMAGE_BOX, read_kitti_rows
 
-COLUMNS = 17
-"""frame, id, type, truncation, occlusion, alpha, box (4), h w l, x y z, heading; then a score."""
+MAX_NUMBER = 1e6
+"""Of pixels and metres: KITTI's own fill values are -1, -10 and -1000."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,29 +45,18 @@ class KittiBoxes:
 
 def read_boxes(path: Path) -> KittiBoxes:
     """Read a label or result file; raises DataError that names the broken line."""
-    rows = [(n, line.split()) for n, line in enumerate(read_lines(path), 1) if line.strip()]
-    kinds = [fields[2].lower() if len(fields) > 2 else "" for _, fields in rows]
-    values = np.array([_numbers(path, n, fields) for n, fields in rows]).reshape(-1, COLUMNS)
-    return _boxes(values, np.array(kinds, np.str_))
-
-
-def _numbers(path: Path, line: int, fields: list[str]) -> list[float]:
-    """Return the numbers of a line in the order of the format, without the type, with a score."""
-    if len(fields) not in (COLUMNS, COLUMNS + 1):
-        raise DataError(path, f"line {line}", f"{len(fields)} fields", f"{COLUMNS} or one more")
-    numbers = finite_numbers(path, line, [*fields[:2], *fields[3:]])
-    return [*numbers, 0.0][:COLUMNS]
-
-
-def _boxes(values: F64, kind: Texts) -> KittiBoxes:
-    height, width, length, x, y, z, heading = values[:, 9:16].T
+    table = read_kitti_rows(path)
+    for name in (*IMAGE_BOX, "h", "w", "l", "x", "y", "z", "ry"):
+        table.refuse(name, np.abs(table[name]) > MAX_NUMBER, f"within {MAX_NUMBER:g}")
+    height, width, length = (table[name] for name in "hwl")
+    bottom_centre = table["x"], table["z"], -table["y"] + height / 2
     return KittiBoxes(
-        frame=values[:, 0].astype(np.int64),
-        id=values[:, 1].astype(np.int64),
-        kind=kind,
-        truncation=values[:, 2],
-        occlusion=values[:, 3],
-        image_box=values[:, 5:9],
-        box=np.stack([x, z, -y + height / 2, length, width, height, -heading], axis=1),
-        score=values[:, 16],
+        frame=table["frame"],
+        id=table["track"],
+        kind=np.char.lower(table["type"]),
+        truncation=table["truncated"],
+        occlusion=table["occluded"],
+        image_box=table.stacked(IMAGE_BOX),
+        box=np.stack([*bottom_centre, length, width, height, -table["ry"]], axis=1),
+        score=table["score"],
     )

@@ -5,12 +5,16 @@ import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from mottrack.core.errors import DataError, unknown_name
+from mottrack.core.arrays import Mask
+from mottrack.core.concerns import Concern
+from mottrack.core.errors import DataError, InputError, unknown_name
 from mottrack.core.storage import write_text
 from mottrack.eval.kitti.boxes import KittiBoxes, read_boxes
+from mottrack.eval.kitti.concerns import Files, concerns
 from mottrack.eval.kitti.levels import KittiMetrics, evaluate
 from mottrack.eval.kitti.matching import CLASSES, NEIGHBOURS, SPLITS, KittiRules, prepare
 from mottrack.formats.text_rows import read_lines
@@ -45,18 +49,30 @@ def sequences_of(split: str) -> tuple[str, ...]:
     raise unknown_name("split", split, SPLITS)
 
 
-def evaluate_folders(folders: Folders, rules: KittiRules) -> KittiMetrics:
+class Evaluated(NamedTuple):
+    """The metrics, and what of the files is hardly meant."""
+
+    metrics: KittiMetrics
+    concerns: tuple[Concern, ...]
+
+
+def evaluate_folders(folders: Folders, rules: KittiRules) -> Evaluated:
     """Read all sequences and evaluate one class.
 
     Raises:
-        DataError: a file is missing or malformed.
+        DataError: a file is missing or malformed, or no label counts.
         ConfigError: the class is unknown.
     """
     pairs = read_folders(folders, rules)
-    return evaluate([prepare(truth, results, rules) for truth, results in pairs], rules)
+    found = tuple(c for pair in pairs for c in concerns(pair, rules))
+    prepared = [prepare(pair.labels, pair.results, rules) for pair in pairs]
+    try:
+        return Evaluated(evaluate(prepared, rules), found)
+    except InputError as error:
+        raise DataError(folders.labels, error.field, error.value, error.expected) from error
 
 
-def read_folders(folders: Folders, rules: KittiRules) -> list[tuple[KittiBoxes, KittiBoxes]]:
+def read_folders(folders: Folders, rules: KittiRules) -> list[Files]:
     """Return labels and results of every sequence.
 
     Raises:
@@ -65,24 +81,38 @@ def read_folders(folders: Folders, rules: KittiRules) -> list[tuple[KittiBoxes, 
     """
     if rules.kind not in CLASSES:
         raise unknown_name("class", rules.kind, CLASSES)
-    return [
-        (_read(folders.labels, name, rules), _read(folders.tracks, name, rules))
-        for name in folders.sequences
-    ]
+    return [_read_pair(folders, name, rules) for name in folders.sequences]
 
 
-def _read(folder: Path, sequence: str, rules: KittiRules) -> KittiBoxes:
-    if not folder.is_dir():
-        raise DataError(folder, "folder", "missing", "a folder of KITTI tracking text files")
-    path = folder / f"{sequence}.txt"
+def _read_pair(folders: Folders, sequence: str, rules: KittiRules) -> Files:
+    paths = []
+    for folder in (folders.labels, folders.tracks):
+        if not folder.is_dir():
+            raise DataError(folder, "folder", "missing", "a folder of KITTI tracking text files")
+        paths.append(folder / f"{sequence}.txt")
+    labels, results = (_read(path, rules) for path in paths)
+    return Files(labels, results, *paths)
+
+
+def _read(path: Path, rules: KittiRules) -> KittiBoxes:
     boxes = read_boxes(path)
     compared = np.isin(boxes.kind, (rules.kind, *NEIGHBOURS[rules.kind]))
+    _refuse_repeated(path, boxes, compared & (boxes.id >= 0))
     negative = compared & (boxes.box[:, 3:6] < 0.0).any(axis=1)
     if rules.measure == "3d" and negative.any():
         row = int(np.argmax(negative))
         where = f"length, width, height of id {boxes.id[row]} in frame {boxes.frame[row]}"
         raise DataError(path, where, boxes.box[row, 3:6].tolist(), "at least 0 m for 3d overlap")
     return boxes
+
+
+def _refuse_repeated(path: Path, boxes: KittiBoxes, among: Mask) -> None:
+    """Refuse an identity that is twice in a frame: the official code does not score such files."""
+    rows = boxes.select(among)
+    keys, counts = np.unique(np.stack([rows.frame, rows.id]), axis=1, return_counts=True)
+    if (counts > 1).any():
+        frame, identity = keys[:, np.argmax(counts > 1)].tolist()
+        raise DataError(path, f"id {identity}", f"twice in frame {frame}", "each id once a frame")
 
 
 def write_outputs(folder: Path, results: list[KittiMetrics]) -> None:

@@ -28,6 +28,7 @@ from mottrack.eval.nuscenes.boxes import BoxTable, Samples
 from mottrack.eval.nuscenes.rules import MAX_BOXES_PER_SAMPLE, Rules
 from mottrack.eval.nuscenes.submission import (
     FRAME_CHECK_BOXES,
+    MAX_NUMBER,
     UNIT_TOLERANCE,
     VECTORS,
     in_ego_frame,
@@ -159,6 +160,7 @@ class _Reader:
         known = names.dictionary.to_pylist()
         fine = (
             (vectors["size"] > 0).all()
+            and all((np.abs(vectors[name]) <= most).all() for name, most in MAX_NUMBER.items())
             and (np.abs(norm - 1.0) <= UNIT_TOLERANCE).all()
             and ((score >= 0.0) & (score <= 1.0)).all()
             and set(known) <= set(self.rules.classes)

@@ -1,7 +1,7 @@
 """A tracking submission in the official JSON format: read, checked, turned into arrays."""
 
-import json
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,15 +9,19 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import orjson
 
 from mottrack.core.arrays import F64
-from mottrack.core.errors import DataError, MottrackError
+from mottrack.core.errors import MAX_PATH_SHOWN, DataError, MottrackError
+from mottrack.core.printed import MAX_MESSAGE, printable, shown
 from mottrack.eval.nuscenes.boxes import BoxTable, Samples
 from mottrack.eval.nuscenes.rules import MAX_BOXES_PER_SAMPLE, Rules
+from mottrack.formats.checks import MAX_BOX_SIZE_M
 from mottrack.formats.collector import collector_paused
+from mottrack.formats.json_text import parse_json
 from mottrack.formats.nuscenes_splits import best_split, splits_of
-from mottrack.formats.nuscenes_tables import NuScenesTables, RecordFilter
+from mottrack.formats.nuscenes_tables import NuScenesTables
+from mottrack.formats.rigid import MAX_PLACE_M
+from mottrack.formats.table_stream import RecordFilter
 
 Box = dict[str, Any]
 Severity = Literal["error", "warning"]
@@ -30,12 +34,16 @@ _NUMBERS: dict[str, tuple[int, ...]] = {
     "velocity": (2,),
     "tracking_score": (),
 }
+MAX_NUMBER = {"translation": MAX_PLACE_M, "size": MAX_BOX_SIZE_M}
+"""Metres; a quaternion's numbers are checked by its norm."""
 UNIT_TOLERANCE = 1e-3
 """Of a quaternion's norm: what a file with four decimals keeps."""
 FAR_FROM_EGO_M = 200.0
 """Farther than any LiDAR sees: such boxes are in another frame."""
 FRAME_CHECK_BOXES = 3
 """Boxes of each sample that the check of the frame reads: their median is enough."""
+_LISTS = re.compile(rb'"([^"\\]+)"\s*:\s*\[\s*\{')
+"""The names of lists of objects: only samples are such."""
 _SHOWN = 20
 """Problems that an error message lists one by one: about a screen."""
 
@@ -60,27 +68,26 @@ def read_submission(path: Path) -> Submission:
         text = path.read_bytes()
     except OSError as error:
         raise DataError(path, "submission", error.strerror, "a readable JSON file") from error
-    content = _parse(path, text)
+    with collector_paused():
+        content = parse_json(path, text)
     parts = content if isinstance(content, dict) else {}
     for name in ("meta", "results"):
         if not isinstance(parts.get(name), dict):
             raise DataError(path, name, type(parts.get(name)).__name__, "an object")
+    _refuse_repeated_samples(path, text, parts["results"])
     return Submission(path, parts["meta"], parts["results"])
 
 
-def _parse(path: Path, text: bytes) -> Any:
-    """Return the content of the file.
-
-    The slow parser takes NaN and Infinity, which are not JSON but which Python writes.
-    """
-    try:
-        with collector_paused():
-            return orjson.loads(text)
-    except orjson.JSONDecodeError:
-        try:
-            return json.loads(text)
-        except ValueError as error:
-            raise DataError(path, "JSON", str(error), "a JSON file") from error
+def _refuse_repeated_samples(path: Path, text: bytes, results: dict[str, Any]) -> None:
+    """Refuse a sample that is there twice: of two values of a key a JSON parser keeps the last."""
+    boxes = sum(len(boxes) for boxes in results.values() if isinstance(boxes, list))
+    if text.count(b'"tracking_id"') <= boxes:
+        return  # all that the text holds is there
+    names = _LISTS.findall(text)
+    if len(set(names)) != len(names):
+        twice = next(name for name, count in Counter(names).items() if count > 1)
+        shown_name = twice.decode(errors="replace")
+        raise DataError(path, f"results[{shown_name}]", "there twice", "each sample once")
 
 
 def to_boxes(submission: Submission, samples: Samples, rules: Rules) -> BoxTable:
@@ -126,10 +133,11 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        where = f"{self.file}"
+        where = shown(self.file, MAX_PATH_SHOWN)
         where += f": sample {self.sample}" if self.sample else ""
         where += f", box {self.box}" if self.box >= 0 else ""
-        return f"{self.severity}: {where}: {self.field}: {self.message}"
+        text = f"{self.severity}: {where}: {self.field}: {self.message}"
+        return printable(text, MAX_MESSAGE)
 
 
 class SubmissionError(MottrackError):
@@ -187,6 +195,7 @@ def is_clean(results: dict[str, list[Box]], rules: Rules) -> bool:
         and names <= set(rules.classes)
         and identities <= {str, int}
         and all(np.isfinite(columns[name]).all() for name in (*VECTORS, "tracking_score"))
+        and all((np.abs(columns[name]) <= most).all() for name, most in MAX_NUMBER.items())
         and not np.isinf(columns["velocity"]).any()
         and (columns["size"] > 0).all()
         and (np.abs(norm - 1.0) <= UNIT_TOLERANCE).all()
@@ -195,15 +204,10 @@ def is_clean(results: dict[str, list[Box]], rules: Rules) -> bool:
     )
 
 
-def require_valid(problems: Sequence[Problem], *, strict: bool) -> None:
-    """Require that no problem is an error; if strict, that there is none at all.
-
-    Raises:
-        SubmissionError: with all problems that count.
-    """
-    bad = [problem for problem in problems if strict or problem.severity == "error"]
-    if bad:
-        raise SubmissionError(bad)
+def raise_all(problems: Sequence[Problem]) -> None:
+    """Raise `SubmissionError` with all problems, warnings behind the errors; none: do nothing."""
+    if problems:
+        raise SubmissionError(problems)
 
 
 def _check_samples(submission: Submission, samples: Samples) -> Iterator[Problem]:
@@ -263,19 +267,23 @@ def _box_problems(box: Any, token: str, rules: Rules) -> Iterator[_Finding]:
     if box.get("tracking_name") not in rules.classes:
         known = ", ".join(rules.classes)
         yield _Finding("error", "tracking_name", f"{box.get('tracking_name')!r} is none of {known}")
-    if box.get("sample_token", token) != token:
-        yield _Finding(
-            "warning", "sample_token", f"{box['sample_token']!r} is not the sample it is in"
-        )
+    if "sample_token" not in box:
+        yield _Finding("error", "sample_token", "is missing")
+    elif box["sample_token"] != token:
+        text = f"{shown(box['sample_token'])} is not the sample it is in"
+        yield _Finding("warning", "sample_token", text)
 
 
 def _vectors(box: Box) -> Iterator[_Finding]:
     for name, length in VECTORS.items():
         value = box.get(name)
         if not isinstance(value, list) or len(value) != length:
-            yield _Finding("error", name, f"{value!r} is not a list of {length} numbers")
+            yield _Finding("error", name, f"{shown(value)} is not a list of {length} numbers")
         elif not all(_is_finite(x) for x in value):
-            yield _Finding("error", name, f"{value} has NaN, infinity or no number in it")
+            yield _Finding("error", name, f"{shown(value)} has NaN, infinity or no number in it")
+        elif max(map(abs, value)) > MAX_NUMBER.get(name, math.inf):
+            text = f"{shown(value)} is not within {MAX_NUMBER[name]:g}"
+            yield _Finding("error" if name == "translation" else "warning", name, text)
 
 
 def _size(box: Box) -> Iterator[_Finding]:
@@ -315,7 +323,8 @@ def _velocity(box: Box) -> Iterator[_Finding]:
 
 
 def _identity(box: Box) -> Iterator[_Finding]:
-    if not isinstance(box.get("tracking_id"), str | int):
+    identity = box.get("tracking_id")
+    if not isinstance(identity, str | int) or isinstance(identity, bool):
         yield _Finding("error", "tracking_id", f"{box.get('tracking_id')!r} is no identity")
     points = box.get("num_pts", -1)
     if not isinstance(points, int) or isinstance(points, bool):
@@ -342,6 +351,7 @@ def _check_tracks(submission: Submission, samples: Samples) -> Iterator[Problem]
     tokens = samples.token.tolist()
     scene_of = dict(zip(tokens, samples.scene_of_sample().tolist(), strict=True))
     class_of: dict[tuple[int, Any], Any] = {}
+    kind_of: dict[tuple[int, str], type] = {}
     for token in tokens:
         boxes = submission.results.get(token)
         seen: set[Any] = set()
@@ -353,6 +363,11 @@ def _check_tracks(submission: Submission, samples: Samples) -> Iterator[Problem]
                 text = f"{identity!r} is twice in the sample"
                 yield Problem("warning", submission.path, token, index, "tracking_id", text)
             seen.add(identity)
+            kind = kind_of.setdefault((scene_of[token], str(identity)), type(identity))
+            if kind is not type(identity):
+                text = f"{identity!r} is another track than the same as {kind.__name__}"
+                yield Problem("warning", submission.path, token, index, "tracking_id", text)
+                kind_of[scene_of[token], str(identity)] = type(identity)
             name = box.get("tracking_name")
             before = class_of.setdefault((scene_of[token], identity), name)
             if before != name:

@@ -64,7 +64,7 @@ class FileSet:
     def mask(self, log: str, stamp_ns: int) -> Mask:
         """Return which points of a sweep a submission must predict, (N,)."""
         name = f"{log}/{stamp_ns}.feather"
-        mask = read_feather_columns(self.path / name, _MASK, self.bytes_of(name))["mask"]
+        mask = read_feather_columns(self.path / name, _MASK, data=self.bytes_of(name))["mask"]
         return np.asarray(mask, np.bool_)
 
 
@@ -95,7 +95,9 @@ def read_points(truth: Path, predictions: FileSet, name: str) -> FlowPoints:
         (true["category_indices"] < 0) | (true["category_indices"] >= len(CATEGORIES)),
         f"0 to {len(CATEGORIES) - 1}",
     )
-    said = read_feather_columns(predictions.path / name, _PREDICTION, predictions.bytes_of(name))
+    said = read_feather_columns(
+        predictions.path / name, _PREDICTION, data=predictions.bytes_of(name)
+    )
     if len(said) != len(true):
         raise DataError(predictions.path, name, f"{len(said)} rows", f"{len(true)}, as annotated")
     return FlowPoints(

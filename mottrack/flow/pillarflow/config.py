@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
+
+MOST_CHANNELS, MOST_LAYERS = 1024, 16
+"""Ten times the largest network that is shipped or was tried: a file that asks for more is damaged
+or hostile."""
+Width = Annotated[int, Field(ge=1, le=MOST_CHANNELS)]
+Layers = Annotated[int, Field(ge=1, le=MOST_LAYERS)]
+Widths = Annotated[tuple[Width, ...], Field(max_length=MOST_LAYERS)]
 
 
 class NetworkConfig(StrictModel):
@@ -21,21 +28,32 @@ class NetworkConfig(StrictModel):
         "pillars", description="learned pillars (III-A) or the binary occupancy of IV-C"
     )
     backbone: str = Field("pwc", description="flow network, a key of `decoders.DECODERS`")
-    pillar_channels: int = Field(24, ge=1, description="C of the pseudo-image")
+    pillar_channels: Width = Field(24, description="C of the pseudo-image")
     stem_stride: Literal[1, 2] = Field(1, description="stride of the first convolution")
-    pyramid_channels: tuple[int, ...] = Field((24, 40, 56), description="width of each level")
-    convs_per_level: int = Field(2, ge=1, description="3x3 convolutions of a pyramid level")
-    finest_level: int = Field(0, ge=0, description="finest level that is decoded")
-    displacement: int = Field(3, ge=1, description="search radius of a cost volume [cells]")
-    rest_displacement: int = Field(
-        1, ge=0, description="search radius of the second cost volume, around zero motion [cells]"
+    pyramid_channels: Widths = Field((24, 40, 56), description="width of each level")
+    convs_per_level: int = Field(
+        2, ge=1, le=MOST_LAYERS, description="3x3 convolutions of a pyramid level"
     )
-    match_channels: int = Field(16, ge=0, description="1x1 projection before matching; 0: none")
-    estimator_channels: tuple[int, ...] = Field((40, 32, 24), description="flow estimator")
+    finest_level: int = Field(0, ge=0, description="finest level that is decoded")
+    displacement: int = Field(
+        3, ge=1, le=MOST_LAYERS, description="search radius of a cost volume [cells]"
+    )
+    rest_displacement: int = Field(
+        1,
+        ge=0,
+        le=MOST_LAYERS,
+        description="search radius of the second cost volume, around zero motion [cells]",
+    )
+    match_channels: int = Field(
+        16, ge=0, le=MOST_CHANNELS, description="1x1 projection before matching; 0: none"
+    )
+    estimator_channels: Widths = Field((40, 32, 24), description="flow estimator")
     dense: bool = Field(False, description="DenseNet links inside an estimator (PWC-Net)")
-    upfeat_channels: int = Field(8, ge=1, description="features passed to the next finer level")
-    context_channels: tuple[int, ...] = Field((24, 24, 24), description="context network")
-    context_dilations: tuple[int, ...] = Field((1, 2, 4), description="one per context layer")
+    upfeat_channels: int = Field(
+        8, ge=1, le=MOST_CHANNELS, description="features passed to the next finer level"
+    )
+    context_channels: Widths = Field((24, 24, 24), description="context network")
+    context_dilations: Widths = Field((1, 2, 4), description="one per context layer")
     visibility: bool = Field(True, description="visibility of both sweeps as channels")
 
     @model_validator(mode="after")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from pydantic import ValidationError
@@ -18,6 +20,12 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.network import PillarFlowNet
 
 FORMAT = "mottrack-pillarflow"
+TYPES = {torch.float32: "F32", torch.int64: "I64"}
+"""The types that a network has, as safetensors calls them."""
+MAX_WEIGHT = 1e9
+"""Weights stay below 100, running variances below 1e6; a flipped bit makes them 1e19 and more."""
+SUMS = "SHA256SUMS"
+"""Beside the shipped files: their digests, as `sha256sum` writes them."""
 
 
 @dataclass(frozen=True)
@@ -43,32 +51,97 @@ def save_weights(file: Path, weights: Weights) -> None:
         "ground_removed": json.dumps(weights.ground_removed),
     }
     temporary = file.with_suffix(".part")
-    save_file(contiguous(weights.network.state_dict()), temporary, header)
+    tensors = contiguous(weights.network.state_dict())
+    save_file(tensors, temporary, header | {"sha256": _digest(tensors)})
     temporary.replace(file)
 
 
 def load_weights(file: Path) -> Weights:
     """Read a trained network.
 
+    Names, shapes and types of the tensors are compared with the network that the header describes
+    before that is built or anything is read.
+
     Raises:
-        DataError: the file is absent, torn, of another format, or its tensors are not those of the
-            network that its header describes.
+        DataError: the file is absent, torn, of another format, its tensors are not those of the
+            network that its header describes, or are not what was written.
     """
     if not file.is_file():
         raise DataError(file, "weights", "absent", "a .safetensors file of mottrack")
     try:
-        header, state = read_tensors(file, FORMAT)
-        network = PillarFlowNet(NetworkConfig.model_validate_json(header["network"]))
+        with safe_open(file, framework="pt") as handle:
+            header = _header(file, handle, FORMAT)
+            config = NetworkConfig.model_validate_json(header["network"])
+            _require_layout(file, handle, config)
+            state = _tensors(handle)
         calibration = _calibration(header)
         ground_removed = bool(json.loads(header["ground_removed"]))
-    except (SafetensorError, OSError, KeyError, ValueError, ValidationError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DataError(file, "content", reason, "weights written by mottrack") from error
+    except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
+        raise DataError(file, "content", _reason(error), "weights written by mottrack") from error
+    _require_undamaged(file, header, state)
+    network = PillarFlowNet(config)
     copy_tensors(file, network.state_dict(), state)
+    return Weights(network.eval(), calibration, ground_removed)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _require_layout(file: Path, handle: Any, config: NetworkConfig) -> None:
+    """Refuse other names, shapes or types than the network has that the header describes."""
+    with torch.device("meta"):  # shapes without memory
+        expected = PillarFlowNet(config).state_dict()
+    names = set(handle.keys())
+    if names != expected.keys():
+        differing = sorted(names ^ expected.keys())[:3]
+        raise DataError(file, "tensors", f"differing in {differing}", "those of the network")
+    for name, value in expected.items():
+        stored = handle.get_slice(name)
+        found = (stored.get_dtype(), tuple(stored.get_shape()))
+        if found != (TYPES[value.dtype], tuple(value.shape)):
+            words = f"{TYPES[value.dtype]} {tuple(value.shape)}"
+            raise DataError(file, name, f"{found[0]} {found[1]}", words)
+
+
+def _require_undamaged(file: Path, header: dict[str, str], state: dict[str, torch.Tensor]) -> None:
+    """Refuse tensors that are not what was written, or that no training ends with."""
     for name, value in state.items():
         if not torch.isfinite(value).all():
             raise DataError(file, name, "not finite", "finite weights")
-    return Weights(network.eval(), calibration, ground_removed)
+        if value.dtype.is_floating_point and value.abs().max() > MAX_WEIGHT:
+            worst = float(value.abs().max())
+            raise DataError(file, name, f"up to {worst:.3g}", f"within {MAX_WEIGHT:g}")
+    stored, actual = header.get("sha256"), _digest(state)
+    if stored is not None and stored != actual:
+        raise DataError(file, "checksum", stored[:12], f"{actual[:12]} (damaged?)")
+    _require_shipped(file)
+
+
+def _require_shipped(file: Path) -> None:
+    """Refuse one of the files that come with the package if it is not the one that was packed."""
+    sums = file.parent / SUMS
+    if not sums.is_file():
+        return
+    lines = (line.split() for line in sums.read_text().splitlines())
+    known = {name: digest for digest, name in lines}
+    actual = hashlib.sha256(file.read_bytes()).hexdigest()
+    expected = known.get(file.name, actual)
+    if actual != expected:
+        raise DataError(file, "checksum", actual[:12], f"{expected[:12]} (damaged?)")
+
+
+def _digest(tensors: dict[str, torch.Tensor]) -> str:
+    """Return the SHA-256 of names, types, shapes and values."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        value = tensors[name]
+        digest.update(f"{name} {value.dtype} {tuple(value.shape)}\0".encode())
+        digest.update(value.numpy().tobytes())
+    return digest.hexdigest()
 
 
 def _calibration(header: dict[str, str]) -> Calibration:
@@ -96,10 +169,18 @@ def read_tensors(file: Path, form: str) -> tuple[dict[str, str], dict[str, torch
         SafetensorError: it is torn or no safetensors file.
     """
     with safe_open(file, framework="pt") as handle:
-        header = handle.metadata() or {}
-        if header.get("format") != form:
-            raise DataError(file, "format", header.get("format"), form)
-        return header, {name: handle.get_tensor(name) for name in handle.keys()}  # noqa: SIM118
+        return _header(file, handle, form), _tensors(handle)
+
+
+def _header(file: Path, handle: Any, form: str) -> dict[str, str]:
+    header: dict[str, str] = handle.metadata() or {}
+    if header.get("format") != form:
+        raise DataError(file, "format", header.get("format"), form)
+    return header
+
+
+def _tensors(handle: Any) -> dict[str, torch.Tensor]:
+    return {name: handle.get_tensor(name) for name in handle.keys()}  # noqa: SIM118
 
 
 @torch.no_grad()

@@ -167,7 +167,7 @@ FAULTS = {
     "duplicate stamp": (
         "sample_data",
         lambda rows: rows[1].update(timestamp=rows[0]["timestamp"]),
-        "sample_data.json: timestamp is",
+        "sample_data.json: timestamp of record .* is 0, expected each time once",
     ),
     "no key frame": (
         "sample_data",
@@ -217,7 +217,7 @@ FAULTS = {
     "late beyond nanoseconds": (
         "sample_data",
         lambda rows: rows[-1].update(timestamp=2**62),
-        "sample_data.json: timestamp is 4611686018427387904, expected microseconds",
+        "sample_data.json: timestamp of record .* is 4611686018427387904, expected microseconds",
     ),
     "name outside the root": (
         "sample_data",

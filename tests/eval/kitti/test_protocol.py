@@ -52,7 +52,8 @@ def test_published_table_and_every_level_of_the_log(shared_data: Path, kind: str
         reference / f"pointrcnn_{kind}_val",
         SPLITS["val"],
     )
-    metrics = files.evaluate_folders(folders, KittiRules(kind=kind.lower()))
+    metrics, concerns = files.evaluate_folders(folders, KittiRules(kind=kind.lower()))
+    assert not concerns
     cells = files.format_table([metrics]).splitlines()[1].split()
     assert " ".join(cells[1:10]) == PUBLISHED[kind]
     official = published_levels(reference / f"official_eval_3D_iou025_{kind}.log")
@@ -113,7 +114,7 @@ def test_image_overlap_and_malformed_input(tmp_path: Path) -> None:
     write(tmp_path / "l/0001.txt", line(0, 0, 0.0))
     folders = files.Folders(tmp_path / "l", tmp_path / "l", ("0001",))
     rules = KittiRules(measure="2d", min_iou=0.5)
-    assert files.evaluate_folders(folders, rules).best.mota == 1.0
+    assert files.evaluate_folders(folders, rules).metrics.best.mota == 1.0
     with pytest.raises(ConfigError, match="did you mean 'cyclist'"):
         files.evaluate_folders(folders, KittiRules(kind="cyclists"))
     with pytest.raises(ConfigError, match="unknown split"):
@@ -121,11 +122,11 @@ def test_image_overlap_and_malformed_input(tmp_path: Path) -> None:
     assert files.sequences_of("0001, 2") == ("0001", "0002")
     bad = line(0, 0, 0.0).replace("1.5 1.6 4.0", "1.5 -1 4.0")
     write(tmp_path / "l/0001.txt", bad)
-    assert files.evaluate_folders(folders, rules).best.mota == 1.0
+    assert files.evaluate_folders(folders, rules).metrics.best.mota == 1.0
     with pytest.raises(DataError, match=r"0001\.txt: length, width, height of id 0 in frame 0"):
         files.evaluate_folders(folders, KittiRules())
     write(tmp_path / "l/0001.txt", "0 1 Car 0 0\n")
-    with pytest.raises(DataError, match="line 1 is 5 fields"):
+    with pytest.raises(DataError, match="line 1 is 5 values"):
         files.evaluate_folders(folders, rules)
     write(tmp_path / "l/0001.txt", line(0, 0, float("nan")))
     with pytest.raises(DataError, match="NaN"):

@@ -11,11 +11,11 @@ from mottrack.cli import app
 from mottrack.eval.nuscenes.submission import SubmissionError
 
 
-def run(case: Any, out: Path, *more: str) -> str:
+def run(case: Any, out: Path, *more: str, code: int = 0) -> str:
     arguments = ["eval", "nuscenes", "--dataroot", str(case.data), "--split", str(case.scenes)]
     arguments += ["--submission", str(case.data / "submission.json"), "--out", str(out), *more]
     result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert result.exit_code == 0, result.output
+    assert result.exit_code == code, result.output
     return result.output
 
 
@@ -44,7 +44,7 @@ def test_warnings_go_to_a_file_and_strict_stops_at_them(
     golden: dict[str, Any], tmp_path: Path
 ) -> None:
     case = golden["edge_s14_n3"]
-    output = run(case, tmp_path, "--no-picture")
+    output = run(case, tmp_path, "--no-picture", code=3)
     assert "more of num_pts (problems.json)" in output
     assert len(json.loads((tmp_path / "problems.json").read_text())) > 100
     with pytest.raises(SubmissionError):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from mottrack.flow.pillarflow.export import export_onnx
 from mottrack.flow.pillarflow.network import NetworkInput, PillarFlowNet, PointBatch
 from mottrack.flow.pillarflow.pillars import CellGrid, describe
 from mottrack.flow.pillarflow.source import (
+    SHIPPED,
     BinaryOgmConfig,
     BinaryOgmFlow,
     PillarFlow,
@@ -181,6 +184,53 @@ def test_unusable_weights_are_named(file: Path, tmp_path: Path) -> None:
     for bad in (torn, foreign, text, shaped, infinite):
         with pytest.raises(DataError, match=bad.name):
             load_weights(bad)
+
+
+def _rewritten(file: Path, edit) -> Path:
+    """Change the header of a safetensors file, which is JSON after its length."""
+    data = file.read_bytes()
+    length = int.from_bytes(data[:8], "little")
+    header = edit(data[8 : 8 + length].decode()).encode()
+    out = file.with_name("rewritten.safetensors")
+    out.write_bytes(len(header).to_bytes(8, "little") + header + data[8 + length :])
+    return out
+
+
+def test_weights_are_checked_before_anything_is_built(tmp_path: Path) -> None:
+    file = tmp_path / "small.safetensors"
+    save_weights(file, _weights())
+    assert load_weights(file).network is not None
+    began = time.perf_counter()
+    layers = re.compile(r'convs_per_level\\":\d+')
+    for edit, message in (
+        (lambda h: layers.sub('convs_per_level\\":1000000000', h), "convs_per_level"),
+        (lambda h: layers.sub('convs_per_level\\":9', h), "tensors is differing"),
+        (lambda h: h.replace('"F32"', '"I32"', 1), "I32 .*expected F32"),
+        (
+            lambda h: re.sub(r'"sha256":"[0-9a-f]{8}', '"sha256":"00000000', h),
+            "checksum is 00000000",
+        ),
+    ):
+        with pytest.raises(DataError, match=message):
+            load_weights(_rewritten(file, edit))
+    assert time.perf_counter() - began < 5.0
+    for place in (-5, -4000):
+        data = bytearray(file.read_bytes())
+        data[place] ^= 2
+        (tmp_path / "flipped.safetensors").write_bytes(bytes(data))
+        with pytest.raises(DataError, match=r"flipped\.safetensors: "):
+            load_weights(tmp_path / "flipped.safetensors")
+
+
+def test_a_shipped_file_is_the_one_that_was_packed(tmp_path: Path) -> None:
+    for name in ("pwc.safetensors", "SHA256SUMS"):
+        (tmp_path / name).write_bytes((SHIPPED / name).read_bytes())
+    load_weights(tmp_path / "pwc.safetensors")
+    data = bytearray((SHIPPED / "pwc.safetensors").read_bytes())
+    data[-2] ^= 1
+    (tmp_path / "pwc.safetensors").write_bytes(bytes(data))
+    with pytest.raises(DataError, match=r"pwc\.safetensors: checksum is .* .damaged"):
+        load_weights(tmp_path / "pwc.safetensors")
 
 
 def test_binary_network_runs_behind_the_same_interface(tmp_path: Path) -> None:

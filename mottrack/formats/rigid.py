@@ -96,3 +96,10 @@ def quaternion_yaws(wxyz: F64) -> F64:
     w, x, y, z = wxyz.T
     yaw_rad: F64 = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return yaw_rad
+
+
+def upright_cosine(wxyz: F64) -> F64:
+    """Return the cosine (N,) of the angle between +z and the z axis that (N, 4) unit turn it to."""
+    w, x, y, z = wxyz.T
+    cosine: F64 = w * w - x * x - y * y + z * z
+    return cosine

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core.arrays import F32, Floats
+from mottrack.core.arrays import F32, I16, Floats
 from mottrack.core.errors import DataError
-from mottrack.datasets.rigid import MAX_DEFECT, MAX_PLACE_M, quaternion_length
+from mottrack.core.limits import MAX_POINTS, Limit
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import NonFiniteError, NotRigidError, TruncatedError
-from mottrack.formats.files import read_bytes
+from mottrack.formats.files import read_bytes, require_size
+from mottrack.formats.rigid import MAX_DEFECT, MAX_PLACE_M, quaternion_length, upright_cosine
 
 MAX_RANGE_M = 2_000.0
 """No LiDAR sees farther; a coordinate beyond it is a damaged file, not a return."""
@@ -21,6 +22,10 @@ MAX_BOX_SIZE_M = 100.0
 """Longer than any road vehicle or tram."""
 MAX_ANGLE_RAD = 4.0 * np.pi
 """Headings may be unwrapped; a larger one is in degrees, or damaged."""
+RING_MAX = 1023.0
+"""LiDARs have up to 128 beams, several together some hundreds."""
+MIN_UPRIGHT_COSINE = 0.5
+"""Of the angle between a box's z axis and the world's: no road is steeper than 60 degrees."""
 
 
 def read_float_rows(path: Path, columns: int) -> F32:
@@ -29,8 +34,9 @@ def read_float_rows(path: Path, columns: int) -> F32:
     Raises:
         DataError: the file is missing, empty or cut inside a row.
     """
-    data = read_bytes(path)
     row_bytes = 4 * columns
+    require_size(path, row_bytes * MAX_POINTS.value, MAX_POINTS.expected("points"))
+    data = read_bytes(path)
     if not data or len(data) % row_bytes:
         expected = f"a positive multiple of {row_bytes} ({columns} float32 a point)"
         raise TruncatedError(path, "size in bytes", len(data), expected)
@@ -41,12 +47,25 @@ def check_points(path: Path, xyz_m: Floats) -> None:
     """Raise `DataError` without points (N, 3), or for the first that no LiDAR can have measured."""
     if not len(xyz_m):
         raise DataError(path, "points", 0, "at least one")
+    check_count(path, len(xyz_m))
     bad = np.flatnonzero(~np.isfinite(xyz_m).all(axis=1))
     if bad.size:
         raise NonFiniteError(path, f"point {bad[0]}", xyz_m[bad[0]].tolist(), "finite values")
     bad = np.flatnonzero(np.abs(xyz_m).max(axis=1) > MAX_RANGE_M)
     if bad.size:
         raise DataError(path, f"point {bad[0]}", xyz_m[bad[0]].tolist(), f"within {MAX_RANGE_M} m")
+
+
+def check_rings(path: Path, ring: Floats) -> I16:
+    """Return beam numbers (N,) in 16 bits; raise `DataError` for the first that no sensor has."""
+    check_interval(path, "ring", ring, RING_MAX)
+    return ring.astype(np.int16)
+
+
+def check_count(path: Path, points: int, limit: Limit = MAX_POINTS) -> None:
+    """Raise `DataError` for more points than any sensor makes in a revolution."""
+    if points > limit.value:
+        raise DataError(path, "points", points, limit.expected("points"))
 
 
 def check_interval(path: Path, name: str, values: Floats, highest: float) -> None:
@@ -87,3 +106,20 @@ def check_rotations(table: Columns, *, tolerance: float = MAX_DEFECT) -> None:
     """Raise `DataError` for the first `rotation` (N, 4) that is not a unit quaternion."""
     off = np.abs(quaternion_length(table["rotation"]) - 1.0) > tolerance
     table.refuse("rotation", off, "a unit quaternion", NotRigidError)
+
+
+def check_upright(table: Columns) -> None:
+    """Raise `DataError` for the first `rotation` (N, 4) of a box that lies or hangs.
+
+    Quaternions written as x, y, z, w and read as w, x, y, z turn boxes upside down.
+    """
+    lying = upright_cosine(table["rotation"]) < MIN_UPRIGHT_COSINE
+    expected = "a box that stands upright, as w, x, y, z (are these x, y, z, w?)"
+    table.refuse("rotation", lying, expected, NotRigidError)
+
+
+def check_points_in_box(table: Columns, *names: str) -> None:
+    """Raise `DataError` for the first number of returns in a box that no sensor counts."""
+    for name in names:
+        wrong = (table[name] < 0) | (table[name] > MAX_POINTS.value)
+        table.refuse(name, wrong, f"in 0 .. {MAX_POINTS.value}")

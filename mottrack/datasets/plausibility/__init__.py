@@ -1,0 +1,1 @@
+"""Whether a scene is likely: values that are possible one by one, but hardly meant together."""

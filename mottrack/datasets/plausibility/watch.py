@@ -1,0 +1,62 @@
+"""Watches a scene while it is read; says at its end what is unlikely."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mottrack.core import Boxes, Frame, Scene, Sweep
+from mottrack.core.concerns import Concern
+from mottrack.datasets.plausibility.boxes import box_concerns
+from mottrack.datasets.plausibility.motion import FEWEST, motion_concerns
+from mottrack.datasets.plausibility.seen import SeenScene
+from mottrack.lidar.in_boxes import points_in_boxes
+
+NEAR_M = 40.0
+"""Within it a box of a data set's class holds returns unless something hides it."""
+
+
+def scene_concerns(scene: SeenScene) -> list[Concern]:
+    """Return what is unlikely in a scene."""
+    moving = motion_concerns(scene) if len(scene.stamp_ns) > 1 else ()
+    return [*moving, *box_concerns(scene)]
+
+
+class SceneWatch:
+    """Gathers the frames of a scene, and how many of its boxes hold returns."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._classes = tuple(scene.classes)
+        self._left_out = tuple(getattr(scene, "concerns", ()))
+        self._frames: list[Frame] = []
+        self._near = {"annotations": [0, 0], "detections": [0, 0]}
+
+    def add(self, frame: Frame, sweep: Sweep | None = None) -> None:
+        """Take the next frame; with its sweep, the returns in its boxes are counted."""
+        self._frames.append(frame)
+        if sweep is not None:
+            for what, boxes in (("annotations", frame.truth), ("detections", frame.detections)):
+                if boxes is not None:
+                    self._count(self._near[what], boxes, frame, sweep)
+
+    def concerns(self) -> list[Concern]:
+        """Return what is unlikely in the frames so far."""
+        found = list(self._left_out)
+        if self._frames:
+            found += scene_concerns(SeenScene.of_frames(self._frames, self._classes))
+            found += self._without_returns()
+        return found
+
+    def _count(self, numbers: list[int], boxes: Boxes, frame: Frame, sweep: Sweep) -> None:
+        ego = boxes.transformed(frame.world_T_ego.inverse(), "ego")
+        ego = ego.select(np.hypot(*ego.centre_m[:, :2].T) < NEAR_M)
+        inside = points_in_boxes(sweep.xyz_m, ego.centre_m, ego.size_m, ego.yaw_rad)
+        numbers[0] += len(ego)
+        numbers[1] += int(np.count_nonzero(np.diff(inside.start) == 0))
+
+    def _without_returns(self) -> list[Concern]:
+        found = []
+        for what, (near, empty) in self._near.items():
+            if near >= FEWEST and empty > near / 2:
+                text = f"of {near} within {NEAR_M:g} m (another frame, or mirrored points?)"
+                found.append(Concern(f"{what} that no point lies in", empty, text))
+        return found
