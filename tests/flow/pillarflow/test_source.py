@@ -200,7 +200,7 @@ def test_weights_are_checked_before_anything_is_built(tmp_path: Path) -> None:
     file = tmp_path / "small.safetensors"
     save_weights(file, _weights())
     assert load_weights(file).network is not None
-    began = time.perf_counter()
+    began = time.process_time()
     layers = re.compile(r'convs_per_level\\":\d+')
     for edit, message in (
         (lambda h: layers.sub('convs_per_level\\":1000000000', h), "convs_per_level"),
@@ -213,7 +213,7 @@ def test_weights_are_checked_before_anything_is_built(tmp_path: Path) -> None:
     ):
         with pytest.raises(DataError, match=message):
             load_weights(_rewritten(file, edit))
-    assert time.perf_counter() - began < 5.0
+    assert time.process_time() - began < 5.0
     for place in (-5, -4000):
         data = bytearray(file.read_bytes())
         data[place] ^= 2
