@@ -147,10 +147,12 @@ def read_result(root: Path) -> Read:
 
 def write_all(root: Path) -> None:
     """Write one small data set of each kind, and what evaluations read."""
+    from mottrack.datasets.synthetic import SyntheticConfig
     from mottrack.datasets.writers import write_synthetic
 
     for kind, duration_s in (("kitti", 0.3), ("nuscenes", 0.55), ("argoverse2", 0.3)):
-        write_synthetic(root / kind, kind, 1, seed=SEED, duration_s=duration_s)
+        world = SyntheticConfig(scenes=1, seed=SEED, duration_s=duration_s)
+        write_synthetic(root / kind, kind, world)
     _write_own_logs(root)
     _write_ground(root / "map")
     _write_mot(root / "mot")
