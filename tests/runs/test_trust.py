@@ -15,7 +15,9 @@ from mottrack.cli import app
 from mottrack.core import ConfigError, DataError, ResultError
 from mottrack.experiment.experiment import hash_of, load_experiments
 from mottrack.runs.comparison import load_comparison, run_comparison
+from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.run_folder import RunFolder
+from mottrack.runs.runner import Execution
 
 SMALL = ["dataset.scenes=1", "dataset.duration_s=0.6", "dataset.sweep_hz=10", "dataset.key_hz=10"]
 
@@ -25,7 +27,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory, progress) -> Path:
     out = tmp_path_factory.mktemp("finished") / "run"
     config = out.parent / "zero.yaml"
     config.write_text("dataset: synthetic\nflow: zero\nscore_flow: false\n")
-    run_comparison(load_experiments(str(config), SMALL), out, workers=1, progress=progress)
+    experiments = load_experiments(str(config), SMALL)
+    run_comparison(experiments, out, execution=Execution(LocalPool(1)), progress=progress)
     return out
 
 
