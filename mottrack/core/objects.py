@@ -30,6 +30,10 @@ FRAMES = ("world", "ego")
 Hulls = tuple[F64, ...]
 
 
+GENERIC = "generic"
+"""Label of an object that is not classified: a cluster."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Boxes:
     """N boxes at one stamp, in one frame, as a structure of arrays.

@@ -12,7 +12,7 @@ from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import GroundMap, ObjectSourceBase
-from mottrack.core.objects import Objects
+from mottrack.core.objects import GENERIC, Objects
 from mottrack.core.sweep import Sweep
 from mottrack.geometry.hulls import HullSet, hulls_of_groups
 from mottrack.lidar.ground import GroundConfig, find_ground
@@ -182,7 +182,7 @@ class ClusterSource(ObjectSourceBase):
             centre_m=np.column_stack([centre_m, middle_m]),
             size_m=np.column_stack([np.maximum(rectangle[:, 2:4], SMALLEST_M), height_m]),
             yaw_rad=rectangle[:, 4],
-            label=np.full(len(count), "generic"),
+            label=np.full(len(count), GENERIC),
             score=count / (count + HALF_SCORE_POINTS),
             hull=HullSet(hulls.corner_m + corner_m, *hulls[1:]).polygons(),
             position_covariance_m2=position_covariance(rectangle, count, chosen),

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from mottrack.core.concerns import Concern
+from mottrack.core.objects import GENERIC
 from mottrack.datasets.plausibility.motion import FEWEST
 from mottrack.datasets.plausibility.seen import SeenBoxes, SeenScene
 
@@ -46,7 +47,8 @@ def _far(scene: SeenScene, boxes: SeenBoxes, what: str) -> Iterator[Concern]:
 
 def _labels(scene: SeenScene, boxes: SeenBoxes, what: str) -> Iterator[Concern]:
     """Labels that are not scored are usual; not so if all are, or if one is misspelt."""
-    left_out = ~np.isin(boxes.label, scene.classes or boxes.label)
+    # clusters have no class by design
+    left_out = ~np.isin(boxes.label, [*(scene.classes or boxes.label), GENERIC])
     counts = Counter(boxes.label[left_out].tolist())
     misspelt = [label for label in counts if _meant(label, scene.classes)]
     if left_out.all() or misspelt:
