@@ -9,7 +9,7 @@ import typer
 
 from mottrack.cli.arguments import Baseline
 
-MB = 1e6
+MB = 1e6  # bytes, decimal as disks are sold
 
 
 def register(app: typer.Typer) -> None:

@@ -23,6 +23,7 @@ from mottrack.formats.nuscenes_tables import (
 )
 from mottrack.formats.table_stream import RecordCount, RecordFilter
 
+# fields of sample_annotation that the evaluation reads
 _ANNOTATION = (
     TOKEN,
     *LINKS,

@@ -15,7 +15,7 @@ from mottrack.runs.differences import sample_runs
 from mottrack.runs.scored_run import ScoredRun
 
 NO_FLOW, ORACLE = "zero", "ground_truth"
-AMOTA, IDS = OFFICIAL[0], OFFICIAL[4]
+AMOTA, IDS = OFFICIAL[0], OFFICIAL[4]  # as OFFICIAL lists them
 VELOCITY = MetricKey(TABLE, ALL, "velocity error")
 PREDICTION = MetricKey(TABLE, FAST, "1 s prediction")
 NOTE = (

@@ -127,7 +127,7 @@ def _of_boxes(boxes: BoxTable, kept: Mask, prepared: Prepared, span: tuple[int, 
     return Side(part.sample - span[0], part.track, xy_m, unknown, range_m, part.num_points)
 
 
-KITTI_HZ = 10.0
+KITTI_HZ = 10.0  # rate of the Velodyne HDL-64E in KITTI
 
 
 def of_kitti(truth: KittiBoxes, tracks: KittiBoxes, kind: str) -> Scene:

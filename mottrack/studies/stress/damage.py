@@ -136,9 +136,10 @@ def drift_pose(since_s: float, speed_mps: float) -> Pose:
     return Pose.from_yaw(DRIFT_YAW_RADPM * gone_m, (gone_m, 0.0, 0.0))
 
 
-_SHARES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)
+_SHARES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)  # from none to most of the detections
 LATE, DRIFT = "late", "drift"
 FLOW_NOISE, FLOW_LOST, FLOW_LATE = "flow_noise", "flow_lost", "flow_late"
+# levels from none to far beyond what a working detector does
 DAMAGES = {
     "dropout": Damage("Dropped detections", "share", _SHARES, dropout),
     "burst": Damage("Blind sector", "s of 4 s", (0.0, 0.5, 1.0, 2.0, 3.0), burst),
