@@ -16,7 +16,8 @@ from mottrack.eval.sceneflow.files import all_points, write_annotation, write_pr
 from mottrack.eval.sceneflow.points import FlowPoints
 from mottrack.eval.sceneflow.sums import frame_sums, total
 
-SHARED = Path(os.environ.get("MOTTRACK_SHARED_DATA", "/work/shared/data"))
+DEFAULT = Path(__file__).resolve().parents[3] / "shared/data"
+SHARED = Path(os.environ.get("MOTTRACK_SHARED_DATA", DEFAULT))
 
 
 def made_points(seed: int) -> FlowPoints:
