@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from mottrack.core.errors import MottrackError
 from mottrack.core.printed import MAX_MESSAGE, printable
@@ -26,10 +27,24 @@ class Concern:
         return printable(f"{self.kind}: {self.count}, first {self.example}", MAX_MESSAGE)
 
 
-def summary(found: Sequence[tuple[str, Concern]]) -> str:
-    """Return one line for the concerns of a kind in several scenes, each given with its scene."""
+class SceneConcern(NamedTuple):
+    """A concern and the name of the scene that it was found in."""
+
+    scene: str
+    concern: Concern
+
+
+def summaries(found: Iterable[SceneConcern]) -> list[str]:
+    """Return one line per kind of concern: its number, the number of scenes, one example."""
+    by_kind: dict[str, list[SceneConcern]] = {}
+    for item in found:
+        by_kind.setdefault(item.concern.kind, []).append(item)
+    return [_summary(items) for items in by_kind.values()]
+
+
+def _summary(found: Sequence[SceneConcern]) -> str:
     scene, first = found[0]
-    count = sum(concern.count for _, concern in found)
+    count = sum(item.concern.count for item in found)
     scenes = f"{len(found)} scene{'s' if len(found) > 1 else ''}"
     text = f"{first.kind}: {count} in {scenes}, first in {scene} {first.example}"
     return printable(text, MAX_MESSAGE)

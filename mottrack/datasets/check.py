@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import ConfigError, DataError, Dataset, Frame, MottrackError, Scene, Sweep
-from mottrack.core.concerns import Concern, summary
+from mottrack.core.concerns import Concern, SceneConcern, summaries
 from mottrack.core.processes import end_with_parent
 from mottrack.core.sweep import seconds_between
 from mottrack.datasets.plausibility.motion import MAX_SPEED_MPS
@@ -78,9 +78,11 @@ class CheckResult:
         return [finding for scene in self.scenes for finding in scene.findings]
 
     @property
-    def concerns(self) -> list[tuple[str, Concern]]:
+    def concerns(self) -> list[SceneConcern]:
         """Every warning with its scene."""
-        return [(scene.name, concern) for scene in self.scenes for concern in scene.concerns]
+        return [
+            SceneConcern(scene.name, concern) for scene in self.scenes for concern in scene.concerns
+        ]
 
     def lines(self) -> Iterator[str]:
         """Yield what was read, then each kind of fault with its number and the first few."""
@@ -98,14 +100,7 @@ class CheckResult:
             yield from (f"  {finding.scene}: {finding.text}" for finding in of_kind[:SHOWN])
             if count > SHOWN:
                 yield f"  ... and {count - SHOWN} more"
-        yield from self._warnings()
-
-    def _warnings(self) -> Iterator[str]:
-        """Yield a line for each kind of warning, with its number and one example."""
-        by_kind: dict[str, list[tuple[str, Concern]]] = {}
-        for scene, concern in self.concerns:
-            by_kind.setdefault(concern.kind, []).append((scene, concern))
-        yield from (f"warning: {summary(found)}" for found in by_kind.values())
+        yield from (f"warning: {text}" for text in summaries(self.concerns))
 
 
 def kind_of_folder(root: Path) -> str:

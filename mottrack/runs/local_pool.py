@@ -18,6 +18,7 @@ from typing import cast
 from mottrack.core.processes import available_cores, end_with_parent
 from mottrack.runs.tasks import (
     DIED,
+    FRAMES_PER_MESSAGE,
     THREAD_VARIABLES,
     Job,
     Outcome,
@@ -26,9 +27,6 @@ from mottrack.runs.tasks import (
     Work,
     attempt,
 )
-
-FRAMES_PER_MESSAGE = 10
-"""Frames between two messages of progress: about one a second, so that pipes stay idle."""
 
 
 @dataclass(frozen=True)

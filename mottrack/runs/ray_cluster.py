@@ -22,6 +22,7 @@ from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.tasks import (
     ATTEMPTS,
     DIED,
+    FRAMES_PER_MESSAGE,
     THREAD_VARIABLES,
     Job,
     Outcome,
@@ -31,8 +32,6 @@ from mottrack.runs.tasks import (
     attempt,
 )
 
-FRAMES_PER_MESSAGE = 10
-"""Frames between two messages of progress: about one a second and task."""
 POLL_S = 0.5
 """Between two looks at the progress: as often as a person reads it."""
 CONNECT_S = 10.0

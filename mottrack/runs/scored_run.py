@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mottrack.core.concerns import Concern, summary
+from mottrack.core.concerns import SceneConcern, summaries
 from mottrack.core.result import SceneResult
 from mottrack.datasets.plausibility.seen import SeenScene
 from mottrack.datasets.plausibility.watch import scene_concerns
@@ -76,11 +76,11 @@ class ScoredRun:
     @cached_property
     def concerns(self) -> list[str]:
         """What is unlikely in the data of the finished scenes, a line for each kind."""
-        by_kind: dict[str, list[tuple[str, Concern]]] = {}
-        for scene in self.finished:
-            for concern in scene_concerns(SeenScene.of_result(self.load(scene))):
-                by_kind.setdefault(concern.kind, []).append((scene, concern))
-        return [summary(found) for found in by_kind.values()]
+        return summaries(
+            SceneConcern(scene, concern)
+            for scene in self.finished
+            for concern in scene_concerns(SeenScene.of_result(self.load(scene)))
+        )
 
     @cached_property
     def scores(self) -> Scores:

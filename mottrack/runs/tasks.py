@@ -16,6 +16,8 @@ from mottrack.runs.run_folder import RunFolder
 OnFrame = Callable[[int, int], None]
 ATTEMPTS = 2
 """Per scene: a worker may be killed for lack of memory while another one peaks."""
+FRAMES_PER_MESSAGE = 10
+"""Frames between two messages of progress: about one a second and task."""
 DIED = "its process died (killed, out of memory, or a crash in a library)"
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",

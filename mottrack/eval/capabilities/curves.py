@@ -227,7 +227,7 @@ Curves = dict[str, list[Point]]
 
 def curves(scenes: Sequence[Scene], resamples: int) -> Curves:
     """Return every curve of a run; one without any event is left out."""
-    matched = [[(tracking, tracking.match()) for tracking in scene] for scene in scenes]
+    matched = [[_Matched(tracking, tracking.match()) for tracking in scene] for scene in scenes]
     weights = draw(len(scenes), resamples)
     found: Curves = {}
     for name, capability in CAPABILITIES.items():
@@ -241,7 +241,14 @@ def curves(scenes: Sequence[Scene], resamples: int) -> Curves:
     return found
 
 
-def _of_scene(capability: Capability, scene: Sequence[tuple[Tracking, Association]]) -> Events:
+class _Matched(NamedTuple):
+    """Boxes of one class in one scene, and which of them are matched."""
+
+    tracking: Tracking
+    association: Association
+
+
+def _of_scene(capability: Capability, scene: Sequence[_Matched]) -> Events:
     """Return the events of all classes of a scene."""
     parts = [capability.events(*pair) for pair in scene]
     conditions, values = [part.condition for part in parts], [part.value for part in parts]
