@@ -119,30 +119,33 @@ def plain_words(values: Sequence[FlowValue]) -> list[str]:
     counted = rows[2] or best.row(IDS)  # clusters have no AMOTA
     name = "AMOTA" if rows[2] else "identity switches"
     return [
-        f"Flow ({best.run}) against none: {_told(rows[0], 'velocity error', ' m/s')}.",
-        f"Where fast objects will be in 1 s: {_told(rows[1], 'error', ' m')}.",
-        f"Of the gain of the true velocity: {_shares_told(best)}; {_told(counted, name, '')}.",
+        f"Flow ({best.run}) against none: {_described(rows[0], 'velocity error', ' m/s')}.",
+        f"Where fast objects will be in 1 s: {_described(rows[1], 'error', ' m')}.",
+        f"Of the gain of the true velocity: {_shares_described(best)}; {_described(counted, name, '')}.",
     ]
 
 
-def _shares_told(value: FlowValue) -> str:
+def _shares_described(value: FlowValue) -> str:
     """Return the shares of the headroom in a phrase."""
-    told = [f"{_share(share)} in {share.metric}" for share in value.shares]
-    return ", ".join(told) if told else "no share (no oracle was run, or its gain is uncertain)"
+    shares = [f"{_share(share)} in {share.metric}" for share in value.shares]
+    return ", ".join(shares) if shares else "no share (no oracle was run, or its gain is uncertain)"
 
 
 def _gain(row: PairedDifference | None) -> float:
     return np.inf if row is None else row.difference
 
 
-def _told(row: PairedDifference | None, name: str, unit: str) -> str:
+def _described(row: PairedDifference | None, name: str, unit: str) -> str:
     """Return a metric without and with flow, and the difference with its interval."""
     if row is None:
         return f"{name} not measured"
-    interval = f"[{row.low:+.3f}, {row.high:+.3f}]" if row.low == row.low else "(one scene)"
+    digits = 0 if row.key == IDS else 3
+    interval = "(one scene)"
+    if row.low == row.low:
+        interval = f"[{row.low:+.{digits}f}, {row.high:+.{digits}f}]"
     verdict = {True: "better", False: "worse", None: "not significant"}[row.better]
-    change = f"{row.baseline:.3f} -> {row.value:.3f}{unit}"
-    return f"{name} {change}, difference {row.difference:+.3f} {interval}, {verdict}"
+    change = f"{row.baseline:.{digits}f} -> {row.value:.{digits}f}{unit}"
+    return f"{name} {change}, difference {row.difference:+.{digits}f} {interval}, {verdict}"
 
 
 def _share(share: Value) -> str:
