@@ -117,11 +117,11 @@ def plain_words(values: Sequence[FlowValue]) -> list[str]:
     best = min(measured, key=lambda v: _gain(v.row(VELOCITY)))
     rows = [best.row(key) for key in (VELOCITY, PREDICTION, AMOTA)]
     counted = rows[2] or best.row(IDS)  # clusters have no AMOTA
-    name = "AMOTA" if rows[2] else "identity switches"
+    last = _described(counted, "AMOTA" if rows[2] else "identity switches", "")
     return [
         f"Flow ({best.run}) against none: {_described(rows[0], 'velocity error', ' m/s')}.",
         f"Where fast objects will be in 1 s: {_described(rows[1], 'error', ' m')}.",
-        f"Of the gain of the true velocity: {_shares_described(best)}; {_described(counted, name, '')}.",
+        f"Of the gain of the true velocity: {_shares_described(best)}; {last}.",
     ]
 
 
