@@ -166,7 +166,7 @@ class KalmanConfig(StrictModel):
         "block", description="block: closed form, compiled; filterpy: slow readable reference"
     )
     yaw: Literal["vote", "published"] = Field(
-        "vote", description="how opposite headings are told apart (both compare modulo pi)"
+        "vote", description="how opposite headings are resolved (both compare modulo pi)"
     )
     smooth: bool = Field(
         False, description="smooth finished tracks backwards and fill their gaps: for labels"
