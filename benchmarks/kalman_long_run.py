@@ -37,7 +37,9 @@ def main() -> None:
         residual = np.sqrt(noise) * rng.normal(size=(len(rows), 7))
         bank.update_box(rows, residual, noise[:, :, None] * tilt, np.tile(noise, (1, 5)))
         velocity = scale[rows] * rng.normal(size=(len(rows), 2))
-        bank.update_velocity(rows, velocity, scale[rows, :, None] ** 2 * tilt)
+        bank.update_velocity(
+            rows, velocity, scale[rows, :, None] ** 2 * tilt, rng.random(len(rows))
+        )
         if step % CHECK_EVERY == CHECK_EVERY - 1:
             covariance = bank.covariance / scale[:, :, None] ** 2
             asymmetry = max(asymmetry, float(np.abs(covariance - covariance.mT).max()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -235,10 +235,9 @@ def _error_model(
     choose: Callable[[Iterable[float]], float], parts: list[VelocityMeasurement]
 ) -> VelocityErrorModel:
     models = [part.error_model for part in parts]
-    return VelocityErrorModel(
-        choose(model.relative for model in models),
-        choose(model.p_missed_motion for model in models),
-        choose(model.p_outlier for model in models),
-        # R_d by class belongs to one source alone
-        models[0].class_variances if all(m == models[0] for m in models) else (),
-    )
+    if all(model == models[0] for model in models):
+        return models[0]
+    # R_d by class belongs to one source alone
+    names = (f.name for f in fields(VelocityErrorModel) if f.name != "class_variances")
+    numbers = {name: choose(getattr(m, name) for m in models) for name in names}
+    return replace(models[0], class_variances=(), **numbers)

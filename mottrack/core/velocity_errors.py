@@ -7,7 +7,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mottrack.core.errors import DataError, InputError
+
+PROBABILITIES = ("p_missed_motion", "p_missed_slow", "p_outlier")
+"""Fields of `VelocityErrorModel` that add up to the probability of a failure at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,26 +20,41 @@ class VelocityErrorModel:
     """Errors of a velocity source that its covariance does not describe.
 
     Raises:
-        InputError: a number is negative, or the two probabilities add up to 1 or more.
+        InputError: a number is negative, a speed is not above 0, or the probabilities add up to 1
+            or more.
     """
 
     relative: float = 0.0
     """Standard deviation along the velocity as a fraction of it: part of the cells was static."""
     p_missed_motion: float = 0.0
-    """Probability that a moving object is measured as static."""
+    """Probability that a moving object, however fast, is measured as static."""
+    p_missed_slow: float = 0.0
+    """What slow motion adds to it: at speed u this times exp(-u^2 / (2 missed_speed_mps^2))."""
+    missed_speed_mps: float = 1.0
+    """Speed over which `p_missed_slow` falls off."""
     p_outlier: float = 0.0
     """Probability that the velocity is another object's, or of nothing at all."""
+    outlier_sigma_mps: float = 5.0
+    """Standard deviation of such a velocity, of one axis."""
     class_variances: tuple[tuple[str, float], ...] = ()
     """R_d by class in (m/s)^2 of one axis, measured on training scenes; the entry "all" is that of
     the others. Empty: only each measurement's own covariance is known."""
 
     def __post_init__(self) -> None:
-        for name in ("relative", "p_missed_motion", "p_outlier"):
+        for name in ("relative", *PROBABILITIES):
             if not getattr(self, name) >= 0.0:
                 raise InputError(name, getattr(self, name), "at least 0")
-        if self.p_missed_motion + self.p_outlier >= 1.0:
-            shares = f"{self.p_missed_motion} + {self.p_outlier}"
-            raise InputError("p_missed_motion + p_outlier", shares, "less than 1")
+        for name in ("missed_speed_mps", "outlier_sigma_mps"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise InputError(name, getattr(self, name), "above 0, m/s")
+        if sum(getattr(self, name) for name in PROBABILITIES) >= 1.0:
+            shares = " + ".join(str(getattr(self, name)) for name in PROBABILITIES)
+            raise InputError(" + ".join(PROBABILITIES), shares, "less than 1")
+
+    @property
+    def misses_motion(self) -> bool:
+        """Whether the source ever measures a moving object as static."""
+        return self.p_missed_motion + self.p_missed_slow > 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, as `read_error_models` reads it."""

@@ -11,16 +11,19 @@ from mottrack.flow.shipped_errors import FILE
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.noise_estimation.error_model import VelocitySample, fit_error_model
 
-COUNT, STATED_MPS, FLOOR_MPS = 6000, 0.4, 0.3
+COUNT, STATED_MPS, FLOOR_MPS, SLOW_MPS = 6000, 0.4, 0.3, 2.0
 
 
-def sample(missed: float, outlier: float) -> VelocitySample:
+def sample(missed: float, outlier: float, slow: float = 0.0) -> VelocitySample:
+    """Velocities of objects at rest, at 3 to 12 m/s and at 1 to 3 m/s along an axis."""
     rng = np.random.default_rng(5)
     true = np.where(rng.random((COUNT, 1)) < 0.5, 0.0, rng.uniform(3.0, 12.0, (COUNT, 2)))
+    true[::3] = np.column_stack([rng.uniform(1.0, 3.0, COUNT), np.zeros(COUNT)])[::3]
     sigma = np.hypot(STATED_MPS, FLOOR_MPS)
     measured = true + rng.normal(0.0, sigma, (COUNT, 2))
     draw = rng.random(COUNT)
-    lost, wild = draw < missed, (draw >= missed) & (draw < missed + outlier)
+    p_lost = missed + slow * np.exp(-0.5 * np.sum(true**2, axis=1) / SLOW_MPS**2)
+    lost, wild = draw < p_lost, (draw >= p_lost) & (draw < p_lost + outlier)
     measured[lost] = rng.normal(0.0, sigma, (lost.sum(), 2))
     measured[wild] = rng.normal(0.0, np.hypot(5.0, sigma), (wild.sum(), 2))
     covariance = np.tile(STATED_MPS**2 * np.eye(2), (COUNT, 1, 1))
@@ -28,14 +31,17 @@ def sample(missed: float, outlier: float) -> VelocitySample:
 
 
 def test_recovers_the_probabilities() -> None:
-    found = fit_error_model(sample(0.3, 0.1))
-    assert found.p_missed_motion == pytest.approx(0.3, abs=0.03)
+    found = fit_error_model(sample(0.2, 0.1, slow=0.6))
+    assert found.p_missed_motion == pytest.approx(0.2, abs=0.03)
+    assert found.p_missed_slow == pytest.approx(0.6, abs=0.1)
+    assert found.missed_speed_mps == pytest.approx(SLOW_MPS, abs=0.3)
+    assert found.outlier_sigma_mps == pytest.approx(5.0, abs=0.7)
     assert found.p_outlier == pytest.approx(0.1, abs=0.02)
     assert found.relative < 0.05
     honest = sample(0.0, 0.0)
     assert honest.consistency == pytest.approx(1.0, abs=0.05)
     model = fit_error_model(honest)
-    assert max(model.relative, model.p_missed_motion, model.p_outlier) < 0.01
+    assert max(model.relative, model.p_missed_motion, model.p_outlier) < 0.02
     variance = dict(model.class_variances)
     assert variance["car"] == pytest.approx(STATED_MPS**2 + FLOOR_MPS**2, rel=0.05)
 
@@ -64,7 +70,9 @@ def test_every_shipped_source_is_calibrated() -> None:
 
 def test_the_preset_of_the_paper_is_plain() -> None:
     """Every measured velocity is believed as far as R_d of its class says, by the Kalman gain."""
-    errors = VelocityErrorModel(0.5, 0.4, 0.1, (("car", 2.0), ("all", 4.0)))
+    errors = VelocityErrorModel(
+        relative=0.5, p_missed_motion=0.4, class_variances=(("car", 2.0), ("all", 4.0))
+    )
     measured = VelocityMeasurement(
         np.array([[6.0, 0.0]]), 0.01 * np.eye(2)[None], np.ones(1, bool), errors
     )

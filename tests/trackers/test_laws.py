@@ -50,11 +50,18 @@ def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker
             "mean_life_s": factor * config.track_management.mean_life_s,
         }
     )
-    speeds = {n: getattr(config.velocity, n) / factor for n in ("floor_mps", "outlier_sigma_mps")}
-    velocity = config.velocity.model_copy(update=speeds)
+    velocity = config.velocity.model_copy(update={"floor_mps": config.velocity.floor_mps / factor})
+    rates = ("start_per_s", "stop_per_s", "rest_mps")
+    changed = {name: getattr(config.standing, name) / factor for name in rates}
+    standing = config.standing.model_copy(update=changed)
     noise = config.noise.model_copy(update={"classes": classes})
     return config.model_copy(
-        update={"noise": noise, "track_management": management, "velocity": velocity}
+        update={
+            "noise": noise,
+            "track_management": management,
+            "velocity": velocity,
+            "standing": standing,
+        }
     )
 
 

@@ -26,7 +26,8 @@ def test_a_million_steps(name: str) -> None:
         bank.update_box(rows, residual, position, np.tile(noise, (1, 5)))
         some = rows[rng.random(len(rows)) < 0.5]
         spread = scale[some, :, None] ** 2 * (np.eye(2) + tilt)
-        bank.update_velocity(some, scale[some] * rng.normal(size=(len(some), 2)), spread)
+        velocity = scale[some] * rng.normal(size=(len(some), 2))
+        bank.update_velocity(some, velocity, spread, rng.random(len(some)))
     covariance = bank.covariance / scale[:, :, None] ** 2
     assert np.isfinite(bank.mean).all()
     np.testing.assert_allclose(covariance, covariance.swapaxes(1, 2), atol=1e-9)

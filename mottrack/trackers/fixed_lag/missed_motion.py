@@ -5,7 +5,7 @@ its usual covariance, and so in every frame. Such errors agree with each other, 
 about the joint estimate accepts them. The displacement over the window is independent of the flow.
 With z the measured velocity, R its covariance, m the displacement's velocity, C its covariance, B
 the prior of a moving object's velocity, and p_missed the source's share of missed motions
-(`mottrack.core.velocity_errors`), the hypotheses are
+(`mottrack.core.velocity_errors`), averaged over the speeds N(m, C), the hypotheses are
 
     static, z correct     p_static N(z; 0, R) N(m; 0, C)
     moving, z correct     (1 - p_static) (1 - p_missed) N(z; m, R + C) N(m; 0, B + C)
@@ -21,7 +21,12 @@ import numpy as np
 
 from mottrack.core.arrays import F64, Mask
 from mottrack.core.velocity_errors import VelocityErrorModel
-from mottrack.geometry.two_by_two import determinant_2x2, inverse_2x2, log_density_2x2
+from mottrack.geometry.two_by_two import (
+    density_2x2,
+    determinant_2x2,
+    inverse_2x2,
+    log_density_2x2,
+)
 from mottrack.trackers.fixed_lag.config import MissedMotionConfig
 from mottrack.trackers.fixed_lag.engine import History
 
@@ -48,10 +53,11 @@ class MissedMotionTest:
 
         -inf where no velocity was measured, or where the source misses no motion.
         """
-        p_static, p_missed = self._config.p_static, error_model.p_missed_motion
-        if p_static >= 1.0 or p_missed <= 0.0:
+        p_static = self._config.p_static
+        if p_static >= 1.0 or not error_model.misses_motion:
             return np.full(history.age_s.shape, -np.inf)
         mean_mps, spread = self._displacement(history)
+        p_missed = _missed_share(error_model, mean_mps, spread)
         z_mps, noise = history.velocity_mps, history.velocity_covariance_m2ps2
         prior = spread + self._config.speed_sigma_mps**2 * np.eye(2)
         moves = np.log(1.0 - p_static) + log_density_2x2(mean_mps, prior)
@@ -76,6 +82,16 @@ class MissedMotionTest:
         own = bend_mps**2 + growth_mps**2 + config.surface_speed_mps**2
         covariance = config.position_sigma_factor**2 * covariance + own[:, None, None] * np.eye(2)
         return mean_mps[:, None], covariance[:, None]
+
+
+def _missed_share(model: VelocityErrorModel, mean_mps: F64, covariance: F64) -> F64:
+    """Return the share of missed motions, averaged over velocities N(mean, covariance) (...).
+
+    The mean of exp(-u^2 / 2 s^2) is 2 pi s^2 N(mean; 0, covariance + s^2 I).
+    """
+    variance = model.missed_speed_mps**2
+    density = density_2x2(mean_mps, covariance + variance * np.eye(2))
+    return model.p_missed_motion + model.p_missed_slow * 2.0 * np.pi * variance * density
 
 
 def displacement_velocity(

@@ -42,6 +42,10 @@ class Predicted:
     """(N, 5) variances of z, yaw, l, w, h."""
     label: I64
     """(N,) index of the class."""
+    p_correct: F64
+    """(N,) probability that a measured velocity is correct if the track moves (`standing`)."""
+    p_missed: F64
+    """(N,) probability that it misses the motion."""
 
     def select(self, index: NDArray[Any]) -> Predicted:
         """Return the rows that a mask or an index picks."""

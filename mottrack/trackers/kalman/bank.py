@@ -58,8 +58,12 @@ class Bank(Protocol):
         """
         ...
 
-    def update_velocity(self, rows: I64, residual: F64, covariance: F64) -> None:
-        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
+    def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
+        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2).
+
+        `weight` (n,) is the probability that the velocity is correct: the result is the Gaussian of
+        the same mean and covariance as the mixture of the corrected and the uncorrected state.
+        """
         ...
 
 

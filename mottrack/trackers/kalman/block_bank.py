@@ -16,8 +16,16 @@ from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
 from mottrack.geometry.two_by_two import row_times_inverse
+from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import PairGrowth, pair_growth
-from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, STATE_SIZE, YAW
+from mottrack.trackers.kalman.state import (
+    BOX_SIZE,
+    SIZE,
+    SMALLEST_SIZE_M,
+    STATE_SIZE,
+    XY_VELOCITY,
+    YAW,
+)
 
 
 class Blocks(NamedTuple):
@@ -107,10 +115,17 @@ class BlockBank:
         _correct_planar(self._blocks, rows, 0, xy, np.ascontiguousarray(xy_covariance))
         self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW])
 
-    def update_velocity(self, rows: I64, residual: F64, covariance: F64) -> None:
-        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
+    def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
+        """Correct `rows` (n,) by velocities that are correct with `weight`; see `Bank`."""
+        unsure = np.flatnonzero(weight < 1.0)
+        mixed = rows[unsure]
+        before = Moments(self.mean[mixed][:, XY_VELOCITY], self._blocks.planar[mixed])
         contiguous = np.ascontiguousarray(residual), np.ascontiguousarray(covariance)
         _correct_planar(self._blocks, rows, 2, *contiguous)
+        if len(mixed):
+            after = Moments(self.mean[mixed][:, XY_VELOCITY], self._blocks.planar[mixed])
+            mean, self._blocks.planar[mixed] = mixture(before, after, weight[unsure])
+            self.mean[mixed[:, None], XY_VELOCITY] = mean
 
 
 @compiled

@@ -12,9 +12,8 @@ from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
-from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
+from mottrack.core.velocity_errors import NO_OUTLIERS, PROBABILITIES, VelocityErrorModel
 from mottrack.geometry.iou import bev_iou_of_pairs
-from mottrack.geometry.two_by_two import density_2x2
 from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
 from mottrack.trackers.kalman.noise import (
@@ -22,7 +21,7 @@ from mottrack.trackers.kalman.noise import (
     initial_velocity_covariance,
     position_covariance,
 )
-from mottrack.trackers.kalman.velocity_likelihood import SMALLEST, outlier_likelihood
+from mottrack.trackers.kalman.standing import Failures, Observation, velocity_likelihoods
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +38,10 @@ class Detections:
     """(N, 2) in the tracker's unit of time; 0 where not measured."""
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
+    likelihood_at_rest: F64
+    """(N,) density of the velocity of an object at rest, N(v; 0, R_d)."""
     outlier_likelihood: F64
-    """(N,) density of the velocity where the source failed (`velocity_likelihood`)."""
+    """(N,) density of the velocity as an outlier, with its probability (`standing`)."""
     clutter_likelihood: F64
     """(N,) density of the velocity of an object without a track, failures included."""
     nll_gate: F64
@@ -63,13 +64,18 @@ class Detections:
 
 
 def observations_of(
-    objects: Objects, config: KalmanConfig, table: NoiseTable, unit_s: float
+    objects: Objects,
+    config: KalmanConfig,
+    table: NoiseTable,
+    error_model: VelocityErrorModel,
+    unit_s: float,
 ) -> Detections:
     """Check, suppress and order the objects of a step.
 
-    `unit_s` is the length of the filter's unit of time in seconds: velocities become metres per
-    unit. The order is by class, then by descending score, so that results do not depend on the
-    order of the input; the published tracker keeps the input's order within a class.
+    `error_model` says how their velocities err (`error_model_of`). `unit_s` is the length of the
+    filter's unit of time in seconds: velocities become metres per unit. The order is by class, then
+    by descending score, so that results do not depend on the order of the input; the published
+    tracker keeps the input's order within a class.
 
     Raises:
         InputError: the objects are not in the world frame.
@@ -85,23 +91,22 @@ def observations_of(
     kept = _suppress(objects, rows, label, config.nms)
     rows, label = rows[kept], label[kept]
     yaw, noise = wrap_angle(objects.yaw_rad[rows]), table.rows(label)
-    error_model = error_model_of(objects, config)
     measured = _velocities(objects, rows, config, error_model.relative)
     velocity, covariance = measured.mean * unit_s, measured.covariance * unit_s**2
-    outlier = clutter = np.zeros(len(rows))
+    likelihood = np.zeros((3, len(rows)))
     if measured.valid.any():
-        sigma = config.velocity.outlier_sigma_mps * unit_s
-        outlier = outlier_likelihood(velocity, covariance, error_model, sigma)
-        unexpected = initial_velocity_covariance(noise, yaw) + covariance
-        clutter = np.maximum(outlier + density_2x2(velocity, unexpected), SMALLEST)
+        failures = Failures.of(error_model, unit_s)
+        unexpected = initial_velocity_covariance(noise, yaw)
+        likelihood = velocity_likelihoods(Observation(velocity, covariance), unexpected, failures)
     return Detections(
         box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
         xy_covariance=position_covariance(noise, yaw),
         z_yaw_size_variance=np.ascontiguousarray(noise.observation[:, 2:]),
         velocity=velocity,
         velocity_covariance=covariance,
-        outlier_likelihood=outlier,
-        clutter_likelihood=clutter,
+        likelihood_at_rest=likelihood[0],
+        outlier_likelihood=likelihood[1],
+        clutter_likelihood=likelihood[2],
         nll_gate=np.full(len(rows), np.inf),
         has_velocity=measured.valid,
         label=label,
@@ -163,7 +168,7 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:
     """Return how the measured velocities err: the source's model, overridden by the settings."""
     own = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
-    settings = config.velocity.model_dump(include={"relative", "p_missed_motion", "p_outlier"})
+    settings = config.velocity.model_dump(include={"relative", *PROBABILITIES})
     return replace(own, **{name: value for name, value in settings.items() if value is not None})
 
 

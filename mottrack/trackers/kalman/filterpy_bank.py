@@ -7,6 +7,7 @@ from filterpy.kalman import KalmanFilter
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
+from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import process_covariance
 from mottrack.trackers.kalman.state import (
     BOX_SIZE,
@@ -90,10 +91,16 @@ class FilterpyBank:
         for row, y, r in zip(rows.tolist(), residual, noise, strict=True):
             self._correct(row, OBSERVE_BOX, y, r)
 
-    def update_velocity(self, rows: I64, residual: F64, covariance: F64) -> None:
-        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2)."""
-        for row, y, r in zip(rows.tolist(), residual, covariance, strict=True):
+    def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
+        """Correct `rows` (n,) by velocities that are correct with `weight`; see `Bank`."""
+        for row, y, r, w in zip(rows.tolist(), residual, covariance, weight, strict=True):
+            one = self._filters[row]
+            before = Moments(one.x.T.copy(), one.P[None].copy())
             self._correct(row, OBSERVE_VELOCITY, y, r)
+            if w < 1.0:
+                after = Moments(one.x.T, one.P[None])
+                mixed = mixture(before, after, np.array([w]))
+                one.x, one.P = mixed.mean.T, mixed.covariance[0]
 
     def _correct(self, row: int, observe: F64, residual: F64, noise: F64) -> None:
         one = self._filters[row]

@@ -14,8 +14,8 @@ from mottrack.geometry.two_by_two import (
     inverse_quadratic_of,
     row_times_inverse,
 )
+from mottrack.trackers.kalman.standing import SMALLEST
 from mottrack.trackers.kalman.state import YAW
-from mottrack.trackers.kalman.velocity_likelihood import SMALLEST
 
 
 class Observed(NamedTuple):
@@ -27,6 +27,7 @@ class Observed(NamedTuple):
     velocity: F64
     velocity_covariance: F64
     has_velocity: Mask
+    likelihood_at_rest: F64
     outlier_likelihood: F64
     clutter_likelihood: F64
 
@@ -37,6 +38,8 @@ class Expected(NamedTuple):
     mean: F64
     xy_velocity_covariance: F64
     z_yaw_size_variance: F64
+    p_correct: F64
+    p_missed: F64
 
 
 class Compared(NamedTuple):
@@ -57,8 +60,8 @@ def pair_terms(
 
     S = H P H' + R is taken block by block: (x, y), the other compared numbers of the box, and where
     a velocity was measured (d_x, d_y) given (x, y). In the likelihood the velocity is correct or a
-    failure of its source (`velocity_likelihood`), so a velocity that only this track explains
-    supports the pair.
+    failure of its source (`standing`), so a velocity that only this track explains supports the
+    pair. That the track may stand is left out: the hypothesis would claim what passes a parked car.
     """
     rows, columns = pairs
     box, mean = seen.box, tracks.mean
@@ -78,7 +81,8 @@ def pair_terms(
         if compared.velocity_limit >= 0.0 and seen.has_velocity[i]:
             added, spread = _velocity_terms(seen, tracks, (i, j), s)
             density = np.exp(-0.5 * added) / (2.0 * np.pi * np.sqrt(spread))
-            likelihood = max(density + seen.outlier_likelihood[i], SMALLEST)
+            failed = tracks.p_missed[j] * seen.likelihood_at_rest[i] + seen.outlier_likelihood[i]
+            likelihood = max(tracks.p_correct[j] * density + failed, SMALLEST)
             nll[p] += 2.0 * np.log(seen.clutter_likelihood[i] / likelihood)
             squared[p] += min(added, compared.velocity_limit)
     return squared, nll

@@ -12,7 +12,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
-from mottrack.geometry.two_by_two import density_2x2
+from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.trackers.kalman.association import (
     Predicted,
     associate,
@@ -22,12 +22,18 @@ from mottrack.trackers.kalman.association import (
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.clutter import ClutterDensity, spanned_area_m2
 from mottrack.trackers.kalman.config import KalmanConfig
-from mottrack.trackers.kalman.detections import Detections, observations_of
+from mottrack.trackers.kalman.detections import Detections, error_model_of, observations_of
+from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
+from mottrack.trackers.kalman.standing import (
+    Failures,
+    Observation,
+    Standing,
+    missed_shares,
+)
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
-from mottrack.trackers.kalman.velocity_likelihood import static_odds
 
 FLIP_LIMIT = 3
 """Most votes that a heading can gather: more opposite detections in a row than this flip any box.
@@ -50,6 +56,8 @@ class KalmanTracker:
         self._table = NoiseTable(self.config.noise)
         self._bank = make_bank(self.config)
         self._tracks = TrackRows.empty()
+        self._standing = Standing(self.config.standing)
+        self._failures = Failures.of(NO_OUTLIERS, 1.0)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
         self._hulls = LastHulls()
@@ -67,7 +75,9 @@ class KalmanTracker:
         """
         elapsed_s = self._elapsed_s(stamp_ns)
         unit_s = elapsed_s if self.config.time == "frames" else 1.0
-        seen = observations_of(objects, self.config, self._table, unit_s)
+        error_model = error_model_of(objects, self.config)
+        seen = observations_of(objects, self.config, self._table, error_model, unit_s)
+        self._failures = Failures.of(error_model, unit_s)
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
         seen = replace(seen, nll_gate=gates[seen.label])
@@ -76,6 +86,8 @@ class KalmanTracker:
         active = management.active(tracks.label, seen.label)
         process = self._table.process(tracks.label)
         self._bank.predict(np.where(active, elapsed_s / unit_s, 0.0), process)
+        elapsed = np.where(active, elapsed_s, 0.0)
+        self._standing.predict(*self._filters(), elapsed, unit_s)
         management.begin(tracks, seen.label, len(self._table.labels), elapsed_s)
         rows, columns = self._associate(seen, np.flatnonzero(active))
         self._update(rows, columns, seen)
@@ -90,6 +102,7 @@ class KalmanTracker:
         alive = management.alive(tracks, stamp_ns)
         if not alive.all():
             self._bank.keep(alive)
+            self._standing.keep(alive)
             tracks.keep(alive)
         return published
 
@@ -112,9 +125,11 @@ class KalmanTracker:
 
     def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
         bank = self._bank
-        tracks = Predicted(
-            bank.mean, bank.xy_velocity_covariance(), bank.z_yaw_size_variance(), self._tracks.label
-        )
+        filters = self._filters()
+        missed = missed_shares(filters, self._failures)
+        correct = 1.0 - self._failures.p_outlier - missed
+        boxes = bank.z_yaw_size_variance(), self._tracks.label
+        tracks = Predicted(*filters, *boxes, correct, missed)
         if len(active) < len(bank):
             tracks = tracks.select(active)
         rows, columns = associate(seen, tracks, self.config, self._table.labels)
@@ -125,6 +140,8 @@ class KalmanTracker:
     def _update(self, rows: I64, columns: I64, seen: Detections) -> None:
         """Apply the Kalman updates of matched tracks by the box, then by measured velocities."""
         bank = self._bank
+        position = Observation(seen.box[columns, :2], seen.xy_covariance[columns])
+        self._standing.observe_position(rows, position, *self._filters())
         residual = seen.box[columns] - bank.mean[rows, :BOX_SIZE]
         residual[:, YAW] = heading_residual(residual[:, YAW])
         self._resolve_headings(rows, seen.box[columns, YAW])
@@ -135,17 +152,15 @@ class KalmanTracker:
             self._update_velocity(rows[measured], columns[measured], seen)
 
     def _update_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
-        """Update `rows` (n,) by the velocities that are likelier correct than an outlier."""
-        mean, own = self._bank.mean[rows, VELOCITY], self._bank.xy_velocity_covariance()[rows]
-        velocity, noise = seen.velocity[columns], seen.velocity_covariance[columns]
-        residual, own = velocity - mean, own[:, 2:, 2:]
-        likelihood = density_2x2(residual, own + noise)
-        table = self._table.rows(seen.label[columns])
-        prior = initial_velocity_covariance(table, seen.box[columns, YAW])
-        odds = static_odds(mean, own, prior, self.config.velocity.p_static)
-        likelihood += odds * density_2x2(velocity, noise)
-        correct = likelihood >= seen.outlier_likelihood[columns]
-        self._bank.update_velocity(rows[correct], residual[correct], noise[correct])
+        """Update `rows` (n,) by their velocities, each as far as it is correct."""
+        velocity = Observation(seen.velocity[columns], seen.velocity_covariance[columns])
+        weight = self._standing.observe_velocity(rows, velocity, self._filters(), self._failures)
+        residual = velocity.value - self._bank.mean[rows, VELOCITY]
+        self._bank.update_velocity(rows, residual, velocity.covariance, weight)
+
+    def _filters(self) -> tuple[F64, F64]:
+        """Return means (N, 11), and covariances of (x, y, d_x, d_y) (N, 4, 4)."""
+        return self._bank.mean, np.ascontiguousarray(self._bank.xy_velocity_covariance())
 
     def _resolve_headings(self, rows: I64, yaw_rad: F64) -> None:
         """Flip tracks whose heading the detections contradict: at once, or by vote."""
@@ -172,6 +187,8 @@ class KalmanTracker:
         covariance[replaced] = new.velocity_covariance[replaced]
         first = len(self._bank)
         self._bank.append(mean, noise.initial, covariance)
+        names = [self._table.labels[index] for index in new.label.tolist()]
+        self._standing.append(new.box[:, :2], new.xy_covariance, self._standing.prior(names))
         updated = np.flatnonzero(new.has_velocity & ~replaced)
         self._update_velocity(first + updated, updated, new)
         rows = new_tracks(self._next_id, new.label, new.score, stamp_ns)
@@ -182,6 +199,11 @@ class KalmanTracker:
     def _published(self, chosen: Mask, stamp_ns: int, unit_s: float) -> Tracks:
         tracks, mean = self._tracks, self._bank.mean[chosen]
         covariance = self._bank.covariance[chosen]
+        p_moving = 1.0 - self._standing.rows.p_standing[chosen]
+        velocity = mean[:, VELOCITY]
+        at_rest = Moments(np.zeros_like(velocity), np.zeros((len(mean), 2, 2)))
+        moving = Moments(velocity, covariance[:, VELOCITY, VELOCITY])
+        mixed = mixture(at_rest, moving, p_moving)
         return Tracks(
             stamp_ns=stamp_ns,
             frame="world",
@@ -191,8 +213,8 @@ class KalmanTracker:
             label=np.array(self._table.labels)[tracks.label[chosen]],
             id=tracks.id[chosen],
             score=self._management.score(tracks, stamp_ns)[chosen],
-            velocity_mps=mean[:, VELOCITY] / unit_s,
-            velocity_covariance_m2ps2=covariance[:, VELOCITY, VELOCITY] / unit_s**2,
+            velocity_mps=mixed.mean / unit_s,
+            velocity_covariance_m2ps2=mixed.covariance / unit_s**2,
             state=mean,
             covariance=covariance,
             observed=tracks.source[chosen] >= 0,

@@ -3,11 +3,12 @@
 Each measured velocity v of an object of velocity u, with the covariance R that the source states
 (and the tracker's floor), is a draw from
 
-    p_correct N(v; u, R + r^2 v v^T) + p_missed N(v; 0, R) + p_outlier N(v; 0, R + s^2 I),
+    p_correct N(v; u, R + r^2 v v^T) + p_missed(u) N(v; 0, R) + p_outlier N(v; 0, R + s^2 I),
 
-the law by which the tracker weighs it (`kalman.velocity_likelihood`). Of an object that stands the
-first two terms are one. R_d of a class is the mean square of its errors over both axes, movers and
-gross errors included: the filter that uses it has no other defence.
+the law by which the tracker weighs it (`kalman.standing`); p_missed falls with the speed, as
+`core.velocity_errors` says. Of an object that stands the first two terms are one. R_d of a class is
+the mean square of its errors over both axes, movers and gross errors included: the filter that uses
+it has no other defence.
 """
 
 from __future__ import annotations
@@ -28,9 +29,17 @@ LEAST_COUNT = 20
 """A class with fewer velocities has no R_d of its own: it would be off by a third."""
 STANDING_MPS = 0.5
 """Slower objects stand: over 0.1 s they move less than a cell's fifth, which no source resolves."""
-STARTS = tuple(itertools.product((0.01, 0.3), (0.02, 0.3), (0.01, 0.1)))
-"""First guesses of r, p_missed and p_outlier: a share of the speed and outliers explain the same
-gross errors, so the likelihood has several maxima."""
+STARTS = tuple(itertools.product((0.01, 0.3), (0.05, 0.5), (0.01, 0.1)))
+"""First guesses of r, the missed share of slow motion and p_outlier: a share of the speed and
+outliers explain the same gross errors, so the likelihood has several maxima."""
+MOST_FAILURES = 0.95
+"""Upper bound of the shares' sum: near rest a missed motion looks like a correct velocity."""
+MOST_STEPS = 3000
+"""Of the search, per start: six numbers take a few hundred."""
+FIRST_MISSED, FIRST_SPEED_MPS, FIRST_SIGMA_MPS = 0.05, 1.5, 2.0
+"""First guesses of the other numbers; no start is far from them."""
+SPEEDS_MPS = (0.3, 10.0)
+"""Bounds of the two speeds of the model: within R, and beyond every urban speed difference."""
 ALL = "all"
 """Name of R_d over every class, which classes without one of their own get."""
 
@@ -77,11 +86,18 @@ def fit_error_model(sample: VelocitySample) -> VelocityErrorModel:
     def cost(root: F64) -> float:
         return _cost(root**2, sample)
 
-    guesses = (np.sqrt(np.array(start)) for start in STARTS)
-    found = [minimize(cost, guess, method="Nelder-Mead") for guess in guesses]
+    rest = FIRST_MISSED, FIRST_SPEED_MPS, FIRST_SIGMA_MPS
+    guesses = (np.sqrt(np.array([*start, *rest])) for start in STARTS)
+    found = [
+        minimize(cost, guess, method="Nelder-Mead", options={"maxiter": MOST_STEPS})
+        for guess in guesses
+    ]
     best = min(found, key=lambda result: float(result.fun))
-    relative, missed, outlier = (float(round(v, 3)) for v in best.x**2)
-    return VelocityErrorModel(relative, missed, outlier, class_variances(sample))
+    numbers = (round(float(value), 3) for value in best.x**2)
+    relative, slow, outlier, missed, speed_mps, sigma_mps = numbers
+    return VelocityErrorModel(
+        relative, missed, slow, speed_mps, outlier, sigma_mps, class_variances(sample)
+    )
 
 
 def class_variances(sample: VelocitySample) -> tuple[tuple[str, float], ...]:
@@ -97,15 +113,19 @@ def class_variances(sample: VelocitySample) -> tuple[tuple[str, float], ...]:
 
 def _cost(parameters: F64, sample: VelocitySample) -> float:
     """Return the negative log-likelihood per sample; inf outside the simplex."""
-    relative, missed, outlier = parameters
-    if missed + outlier >= 1.0:
+    relative, slow, outlier, missed, speed_mps, sigma_mps = parameters
+    low, high = SPEEDS_MPS
+    if missed + slow + outlier > MOST_FAILURES or not low <= min(speed_mps, sigma_mps):
+        return float("inf")
+    if max(speed_mps, sigma_mps) > high:
         return float("inf")
     config, v = VelocityConfig(), sample.measured_mps
     stated = sample.covariance_m2ps2 + config.floor_mps**2 * np.eye(2)
     spread = stated + relative**2 * v[:, :, None] * v[:, None, :]
-    stands = np.hypot(*sample.true_mps.T) < STANDING_MPS
-    lost = np.where(stands, 0.0, missed)
+    true_mps = np.hypot(*sample.true_mps.T)
+    lost = missed + slow * np.exp(-0.5 * (true_mps / speed_mps) ** 2)
+    lost[true_mps < STANDING_MPS] = 0.0
     likelihood = (1.0 - lost - outlier) * density_2x2(v - sample.true_mps, spread)
     likelihood += lost * density_2x2(v, stated)
-    likelihood += outlier * density_2x2(v, stated + config.outlier_sigma_mps**2 * np.eye(2))
+    likelihood += outlier * density_2x2(v, stated + sigma_mps**2 * np.eye(2))
     return float(-np.mean(np.log(np.maximum(likelihood, 1e-200))))
