@@ -42,7 +42,7 @@ class MetricKey:
     """Names one metric of a run."""
 
     table: str
-    """"tracking", "velocity", "flow" or "runtime"."""
+    """Such as "tracking", "velocity", "flow", "sceneflow", "runtime"."""
     row: str
     """Row of that table."""
     metric: str

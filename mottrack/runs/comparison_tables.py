@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDifference
+from mottrack.eval.sceneflow.figures import HEADLINE
 from mottrack.eval.velocity_error import CATEGORIES, OTHER
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.differences import RunDifferences
+from mottrack.runs.scene_flow import figure_name, scene_flow_tables
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.velocity_bench import bench_table
 
@@ -39,6 +41,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     tables = [tracking_table(runs), velocity_table(runs), timing_table(runs), latency_table(runs)]
     if any(run.scores.flow for run in runs):
         tables.insert(2, flow_table(runs))
+    tables += scene_flow_tables(runs)
     if comparison.flow_values:
         tables.append(bench_table(comparison.flow_values))
     if comparison.differences:
@@ -184,6 +187,8 @@ def compact(table: TextTable, titles: Sequence[str], parts: Sequence[str]) -> Te
 
 def metric_name(key: MetricKey) -> str:
     """Return the name of a metric in a table of differences, with its unit."""
+    if key.table == "sceneflow":
+        return f"scene flow, {figure_name(key)}"
     what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
     row = "" if key.table == "tracking" else f"{key.row}, "
     unit = f" ({key.unit})" if key.unit else ""
@@ -198,6 +203,8 @@ def significance(row: PairedDifference) -> str:
 
 
 def _leads(key: MetricKey) -> bool:
+    if key.table == "sceneflow":
+        return (key.row, key.metric) in HEADLINE
     return key.row in LEADING_ROWS and not (key.table == "flow" and key.metric != "RMSE")
 
 

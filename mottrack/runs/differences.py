@@ -14,6 +14,7 @@ from mottrack.eval.paired import PairedDifference, paired_all
 from mottrack.eval.run_metrics import Resampling, RunMetrics, run_metrics
 from mottrack.experiment.experiment import Experiment
 from mottrack.formats.strict_json import strict
+from mottrack.runs.scene_flow import scene_flow_metrics
 from mottrack.runs.scored_run import ScoredRun
 
 
@@ -63,6 +64,8 @@ def sample_runs(runs: Sequence[ScoredRun]) -> Resamples:
     results = {run.title: [run.load(scene) for scene in scenes] for run in runs}
     common = Resampling.of(list(results.values()), runs[0].config)
     figures = {run.title: run_metrics(results[run.title], common, run.memo) for run in runs}
+    for run in runs:
+        figures[run.title] |= scene_flow_metrics(run, scenes, common.weights)
     return Resamples(scenes, figures, common.weights)
 
 

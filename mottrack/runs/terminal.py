@@ -63,7 +63,8 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
     if not console.is_terminal:
         console.width = FILE_WIDTH
     tables = {table.name: table for table in comparison_tables(comparison)}
-    tables.pop("differences", None)
+    for name in ("differences", "sceneflow_rows"):  # long; they are among the stored tables
+        tables.pop(name, None)
     runs = [run for run in comparison.runs if run.report.finished]
     titles = [run.title for run in runs]
     if len(runs) > 1:

@@ -14,6 +14,7 @@ import numpy as np
 
 from mottrack.core import Dataset, SceneResult, TruthTable
 from mottrack.core.concerns import Concern
+from mottrack.core.scene_objects import SceneObjects, load_objects, save_objects
 from mottrack.core.tables import FrameTable, TrackTable
 from mottrack.datasets.argoverse2.ground_height import read_ground_height
 from mottrack.datasets.plausibility.watch import SceneWatch
@@ -21,6 +22,7 @@ from mottrack.eval.kitti.files import Folders, evaluate_folders
 from mottrack.eval.kitti.matching import KittiRules
 from mottrack.eval.mot import score_files
 from mottrack.eval.nuscenes import command
+from mottrack.eval.sceneflow.stored import empty_sums, load_sums, save_sums
 from tests.datasets.makers import SEED, open_dataset, write_own_log
 from tests.fuzz.damage import (
     Arrow,
@@ -142,6 +144,16 @@ def read_result(root: Path) -> Read:
     return Read([result.tracks.centre_m, result.frames.stamp_ns])
 
 
+def read_objects(root: Path) -> Read:
+    found = load_objects(root / "scene.objects.npz")
+    return Read([found.centre_m, found.score])
+
+
+def read_flow_sums(root: Path) -> Read:
+    found = load_sums(root / "scene.sceneflow.npz")
+    return Read([found.official, *found.rows.values()])
+
+
 # --- small files ---------------------------------------------------------------------------------
 
 
@@ -159,6 +171,7 @@ def write_all(root: Path) -> None:
     _write_eval_kitti(root)
     _write_submission(root)
     _write_result(root / "result.npz")
+    _write_beside(root)
 
 
 def _write_own_logs(root: Path) -> None:
@@ -219,6 +232,14 @@ def _write_submission(root: Path) -> None:
     }
     meta = content["meta"]
     (root / "submission.json").write_text(json.dumps({"meta": meta, "results": results}))
+
+
+def _write_beside(root: Path) -> None:
+    dataset = open_dataset("synthetic", Path())
+    boxes = dataset.scene(dataset.scene_names[0]).frame(0).detections
+    assert boxes is not None
+    save_objects(root / "scene.objects.npz", [SceneObjects.at(0, boxes)])
+    save_sums(root / "scene.sceneflow.npz", empty_sums())
 
 
 def _write_result(path: Path) -> None:
@@ -405,6 +426,16 @@ TARGETS: dict[str, Target] = {
     "stored result": Target(
         "result.npz",
         read_result,
+        {"cut": cut(never), "garbage": garbage, "empty": empty, "flip": flip},
+    ),
+    "stored objects": Target(
+        "scene.objects.npz",
+        read_objects,
+        {"cut": cut(never), "garbage": garbage, "empty": empty, "flip": flip},
+    ),
+    "stored scene flow": Target(
+        "scene.sceneflow.npz",
+        read_flow_sums,
         {"cut": cut(never), "garbage": garbage, "empty": empty, "flip": flip},
     ),
 }

@@ -70,7 +70,7 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress
             progress=progress,
         )
     assert files_of(tmp_path / "1") == files_of(tmp_path / "3")
-    assert len(files_of(tmp_path / "1")) == 6
+    assert len(files_of(tmp_path / "1")) == 12  # result, snapshots, objects, scene flow
     assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 8
 
 
