@@ -8,6 +8,8 @@ import typer
 from mottrack.cli.arguments import Strict
 from mottrack.cli.capabilities import capabilities
 from mottrack.cli.sceneflow import sceneflow
+from mottrack.cli.slices import calibration, label_errors, slices
+from mottrack.cli.tracked_page import tracked_report
 from mottrack.cli.warn import exit_with_warnings, warn_of
 
 group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
@@ -19,6 +21,10 @@ def register(app: typer.Typer) -> None:
     """Add the verbs to the application."""
     group.command()(sceneflow)
     group.command()(capabilities)
+    group.command()(slices)
+    group.command()(calibration)
+    group.command("label-errors")(label_errors)
+    group.command("report")(tracked_report)
     app.add_typer(group, name="eval")
 
 

@@ -206,15 +206,19 @@ def _filters(official: Metrics, config: ScoreConfig) -> list[ScoreFilter]:
     ]
 
 
-def score_filters(results: Sequence[SceneResult], config: ScoreConfig) -> list[ScoreFilter]:
+def score_filters(
+    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo | None = None
+) -> list[ScoreFilter]:
     """Return which boxes the scores of a run are made of: per class, or of all classes at once."""
+    memo = memo or Memo()
     if config.class_agnostic or not class_aware(results):
         return [ScoreFilter("")]
     rules = rules_for(counted_labels(results))
     try:
-        return _filters(evaluate_prepared(prepare_results(results, rules), rules), config)
+        official = memo(evaluate_prepared, memo(prepare_results, results, rules), rules)
     except InputError:
         return [ScoreFilter("")]
+    return _filters(official, config)
 
 
 def class_aware(results: Iterable[SceneResult]) -> bool:

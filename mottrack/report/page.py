@@ -15,7 +15,8 @@ from mottrack.core.storage import write_text
 from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
 from mottrack.report.analysis import Analysis
 from mottrack.report.differences import difference_groups
-from mottrack.report.player_scenes import contents, select_scenes
+from mottrack.report.evaluations import evaluation_sections
+from mottrack.report.player_scenes import SceneSelection, contents, select_scenes
 from mottrack.report.ranking import ReportRun
 from mottrack.report.summary import headlines, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
@@ -35,6 +36,7 @@ SCRIPTS = (
     "bev_view.js",
     "error_panel.js",
     "player.js",
+    "deep_link.js",
     "main.js",
 )
 MAX_MB = 15.0
@@ -72,11 +74,13 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
     finished = [run for run in comparison.runs if run.report.finished]
     runs = [ReportRun(index, run) for index, run in enumerate(finished)]
     analyses = [Analysis.of(run) for run in finished]
+    selection = select_scenes(runs, analyses, max_mb * 1e6)
     content = {
         **_summary(runs, analyses, comparison),
         **_tables(runs, analyses),
         **_times(runs, [a.timing for a in analyses]),
-        **_player(runs, analyses, max_mb),
+        **_player(runs, analyses, selection),
+        **evaluation_sections(runs, [packed.scene for packed in selection.scenes]),
         **_sources(),
     }
     write_text(path, environment.get_template(TEMPLATE).render(**content))
@@ -133,9 +137,8 @@ def _times(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[
 
 
 def _player(
-    runs: Sequence[ReportRun], analyses: Sequence[Analysis], max_mb: float
+    runs: Sequence[ReportRun], analyses: Sequence[Analysis], selection: SceneSelection
 ) -> dict[str, Any]:
-    selection = select_scenes(runs, analyses, max_mb * 1e6)
     plots = [
         {
             "title": run.title,
