@@ -25,6 +25,7 @@ from mottrack.eval.nuscenes.submission import Box, Submission, raise_all, read_s
 from mottrack.eval.scores import ScoreConfig, ScoreFilter
 from mottrack.eval.tracked_scenes import TrackedScenes, Values
 from mottrack.formats.nuscenes_classes import CLASSES
+from mottrack.formats.nuscenes_tables import NuScenesTables
 from mottrack.formats.rigid import quaternion_yaws
 
 KITTI_HZ = 10.0  # rate of the Velodyne HDL-64E in KITTI
@@ -63,7 +64,24 @@ def of_submission(files: SubmissionFiles) -> TrackedScenes:
     dataset = NuScenes(config)
     results = tuple(submission_results(dataset, submission))
     objects = tuple(map(_detections, map(dataset.scene, dataset.scene_names)))
-    return TrackedScenes(results, ScoreConfig(), objects, velocities="observed")
+    columns = _scene_attributes(request, dataset.scene_names)
+    return TrackedScenes(results, ScoreConfig(), objects, velocities="observed", columns=columns)
+
+
+def _scene_attributes(request: Request, names: Sequence[str]) -> dict[str, list[Values]]:
+    """Return place, light and weather of every scene, as its log and its description tell them."""
+    tables = NuScenesTables(request.dataroot, request.version)
+    place = {str(row["token"]): str(row.get("location", "")) for row in tables.rows("log")}
+    found: dict[str, dict[str, str]] = {}
+    for row in tables.rows("scene"):
+        words = str(row.get("description", "")).lower()
+        found[str(row["name"])] = {
+            "location": place.get(str(row.get("log_token")), ""),
+            "light": "" if not words else "night" if "night" in words else "day",
+            "weather": "" if not words else "rain" if "rain" in words else "dry",
+        }
+    kinds = ("location", "light", "weather")
+    return {kind: [{None: found[name][kind]} for name in names] for kind in kinds}
 
 
 def _detections(scene: Scene) -> SceneObjects | None:

@@ -102,7 +102,7 @@ def _headline(methods: Methods, weights: I64) -> TextTable:
 
 def interval_text(found: Sampled | None) -> str:
     """Return a figure with its interval, a dash where there is none."""
-    if found is None:
+    if found is None or np.isnan(found.value):
         return MISSING
     low, high = found.interval()
     return f"{found.value:.4f}" if np.isnan(low) else f"{found.value:.4f} [{low:.4f}, {high:.4f}]"

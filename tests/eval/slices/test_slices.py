@@ -143,3 +143,33 @@ def test_keys_of_figures_say_which_way_is_better(driven: TrackedScenes) -> None:
     assert figure_key("class", "car", VELOCITY).lower_is_better
     unknown = replace(driven, velocities="none")
     assert not any(metric == VELOCITY for _, _, metric in values(unknown, "class"))
+
+
+def test_a_submission_is_sliced_by_what_its_scenes_tell(tmp_path: Path) -> None:
+    """Two scenes of the embedded world as nuScenes tables, detections as tracks, one at night."""
+    from mottrack.datasets.synthetic import SyntheticConfig
+    from mottrack.datasets.writers import write_synthetic
+
+    write_synthetic(tmp_path, "nuscenes", SyntheticConfig(scenes=2, seed=5, duration_s=1.1))
+    table = tmp_path / "v1.0-trainval/scene.json"
+    rows = json.loads(table.read_text())
+    for row, words in zip(rows, ("Night, rain", "A crossing"), strict=True):
+        row["description"] = words
+    table.write_text(json.dumps(rows))
+    split = tmp_path / "split.txt"
+    split.write_text("\n".join(row["name"] for row in rows))
+    content = json.loads((tmp_path / "detections/synthetic.json").read_text())
+    for boxes in content["results"].values():
+        for number, box in enumerate(boxes):
+            box["tracking_id"], box["tracking_name"] = str(number), box.pop("detection_name")
+            box["tracking_score"], box["velocity"] = box.pop("detection_score"), [1.0, 0.0]
+    submission = tmp_path / "tracks.json"
+    submission.write_text(json.dumps(content))
+    command = ["eval", "slices", "--dataroot", str(tmp_path), "--split", str(split)]
+    command += ["--submission", str(submission), "--by", "light,weather"]
+    done = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "out/slices.json").read_text())["slices"]["tracks"]
+    assert {row["slice"] for row in found} == {"night", "day", "rain", "dry"}
+    assert all(row["precision"]["value"] > 0 for row in found)
+    assert all(row["velocity error"]["value"] >= 0 for row in found)
