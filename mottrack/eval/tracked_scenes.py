@@ -14,7 +14,7 @@ from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval.memo import Memo
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, score_filters, scored_part
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, score_filters, scored_part, selected
 
 Velocities = Literal["all", "observed", "none"]
 Values = Mapping[Hashable, str | float]
@@ -57,6 +57,11 @@ class TrackedScenes:
     def unfiltered(self) -> list[ScoreFilter]:
         """The same without a least score."""
         return [replace(one, threshold=-np.inf) for one in self.filters]
+
+    def boxes(self, scene: int, counted: ScoreFilter) -> tuple[TruthTable, TrackTable]:
+        """Return the true and the track boxes of a scene that count, in order of their frame."""
+        found: tuple[TruthTable, TrackTable] = self.memo(selected, self.parts[scene], counted)
+        return found
 
     def objects_of(self, scene: int) -> SceneObjects | None:
         """Return what the tracker received where objects are labelled; None where not known."""

@@ -15,7 +15,7 @@ from mottrack.core.sweep import seconds_between
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear
 from mottrack.eval.pairs import BoxStream, centre_distance, find_pairs
-from mottrack.eval.scores import ScoreFilter, selected
+from mottrack.eval.scores import ScoreFilter
 from mottrack.eval.tracked_scenes import TrackedScenes
 
 GATE_M = 2.0
@@ -88,7 +88,7 @@ def of_scenes(scenes: TrackedScenes) -> list[Scene]:
 
 def _of_class(scenes: TrackedScenes, index: int, score_filter: ScoreFilter) -> Tracking:
     result = scenes.parts[index]
-    truth, tracks = selected(result, score_filter)
+    truth, tracks = scenes.boxes(index, score_filter)
     seen = ~truth.interpolated[:, None]  # a filled gap tells no velocity
     known = scenes.known_velocity(tracks)[:, None]
     stamp_ns = result.frames.stamp_ns

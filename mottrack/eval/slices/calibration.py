@@ -17,7 +17,6 @@ from mottrack.eval import clear
 from mottrack.eval.arithmetic import ratio
 from mottrack.eval.paired import Ratio, Sampled, sample
 from mottrack.eval.pairs import BoxStream, centre_distance, find_pairs
-from mottrack.eval.scores import selected
 from mottrack.eval.tracked_scenes import TrackedScenes
 
 BINS = 10
@@ -92,7 +91,7 @@ def calibrations(scenes: TrackedScenes, weights: I64) -> list[Calibration] | str
 def scored_boxes(scenes: TrackedScenes, index: int, class_index: int) -> Scored:
     """Return the track boxes of one class in a scene and whether each is matched."""
     result, distance_m = scenes.parts[index], scenes.config.match_distance_m
-    truth, tracks = selected(result, scenes.unfiltered[class_index])
+    truth, tracks = scenes.boxes(index, scenes.unfiltered[class_index])
     pairs = find_pairs(
         BoxStream(truth.frame, truth.id),
         BoxStream(tracks.frame, tracks.id),

@@ -12,7 +12,6 @@ from mottrack.eval import clear
 from mottrack.eval.arithmetic import mota, ratio
 from mottrack.eval.paired import Metric, MetricKey, Pooled, Sampled, sample
 from mottrack.eval.pairs import BoxStream, centre_distance, find_pairs
-from mottrack.eval.scores import selected
 from mottrack.eval.slices.columns import UNKNOWN, Boxes, Named, column
 from mottrack.eval.tracked_scenes import TrackedScenes
 
@@ -69,7 +68,7 @@ class _Matched:
 def _matched(scenes: TrackedScenes, index: int) -> Iterator[_Matched]:
     result, config = scenes.parts[index], scenes.config
     for one in scenes.filters:
-        truth, tracks = selected(result, one)
+        truth, tracks = scenes.boxes(index, one)
         pairs = find_pairs(
             BoxStream(truth.frame, truth.id),
             BoxStream(tracks.frame, tracks.id),
