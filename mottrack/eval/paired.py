@@ -286,8 +286,23 @@ def t_interval(value: float, draws: F64, scenes: int) -> tuple[float, float]:
     known = draws[~np.isnan(draws)]
     if scenes < 2 or len(known) < 2 or np.isnan(value):
         return float("nan"), float("nan")
-    quantile = float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))  # of Student's t
-    half_width = quantile * np.sqrt(scenes / (scenes - 1)) * float(known.std())
+    half_width = student_quantile(scenes) * np.sqrt(scenes / (scenes - 1)) * float(known.std())
     if half_width <= ROUNDING_SHARE * np.abs(known).max(initial=0.0):
         half_width = 0.0
     return value - half_width, value + half_width
+
+
+def student_interval(value: float, deviation: float, scenes: int) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of a figure of S scenes; NaN for fewer than two.
+
+    `deviation` is the figure's standard deviation.
+    """
+    if scenes < 2 or not np.isfinite(value):
+        return float("nan"), float("nan")
+    half_width = student_quantile(scenes) * deviation
+    return value - half_width, value + half_width
+
+
+def student_quantile(scenes: int) -> float:
+    """Return how many standard deviations of a mean of S scenes its 95 % interval reaches."""
+    return float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))
