@@ -145,8 +145,9 @@ def efficiency(options: argparse.Namespace, out: Path) -> list[dict[str, object]
     from mottrack.runs.run_folder import RunFolder
     from mottrack.runs.runner import Execution, run_experiment
 
-    scenes, seconds = (6, 4) if options.quick else (60, 10)
-    chosen = [f"dataset.scenes={scenes}", f"dataset.duration_s={seconds}", "flow=pillarflow"]
+    scenes = 6 if options.quick else 60
+    chosen = [f"dataset.scenes={scenes}", f"dataset.duration_s={options.seconds}"]
+    chosen.append("flow=pillarflow")
     (experiment,) = load_experiments("demo", [*chosen, "tracker=kalman", "snapshots.scenes=0"])
     rows: list[dict[str, object]] = []
     for name, executor in (("local", LocalPool(2)), ("ray", RayCluster("ray", 2))):
@@ -207,6 +208,9 @@ def main() -> None:
     measures = {"kills": kills, "efficiency": efficiency, "kitti": kitti}
     parser.add_argument("what", choices=measures, nargs="?", default="efficiency")
     parser.add_argument("--quick", action="store_true", help="a few scenes")
+    parser.add_argument(
+        "--seconds", type=int, default=10, help="length of a scene of efficiency (default 10)"
+    )
     parser.add_argument("--data", type=Path, help="folder with kitti_tracking", default=Path())
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     options = parser.parse_args()

@@ -33,6 +33,8 @@ from mottrack.eval.nuscenes.rules import (
 
 AVERAGED = {"amota": "motar", "amotp": "motp"}
 """Metrics that are the mean over the levels of another."""
+BESIDE = np.arange(-2, 3)
+"""Boxes around a level: its two neighbours, and one more on either side for rounding."""
 Curves = dict[str, F64]
 """Metric name, "confidence" and "recall_hypo" to (levels,) values, the highest recall first."""
 
@@ -74,6 +76,20 @@ class MatchedScores(NamedTuple):
     """(M,)"""
     scene: I64
     """(M,)"""
+
+
+class ScoreCounts(NamedTuple):
+    """How many matched boxes have each score."""
+
+    score: F64
+    """(M,) the highest first."""
+    boxes: I64
+    """(M,)"""
+
+    @classmethod
+    def of(cls, scores: F64) -> "ScoreCounts":
+        """Count each box by itself."""
+        return cls(np.sort(scores)[::-1], np.ones(len(scores), np.int64))
 
 
 def class_scenes(prepared: Prepared, label: int, rules: Rules) -> Scenes:
@@ -184,16 +200,20 @@ def matched_scores(scenes: Scenes) -> MatchedScores:
     return MatchedScores(track["score"][hit], scene_of_tracks(scenes)[hit])
 
 
-def recall_levels(scores: F64, truth_boxes: int, rules: Rules) -> Levels:
-    """Return the levels that these matched scores (M,) reach; NaN throughout without any."""
+def recall_levels(matched: ScoreCounts, truth_boxes: int, rules: Rules) -> Levels:
+    """Return the levels that these matched boxes reach; NaN throughout without any."""
     recall = np.linspace(rules.min_recall, 1, rules.levels).round(12)  # as the official code
-    if not len(scores):
+    ends = np.cumsum(matched.boxes)
+    total = int(ends[-1]) if len(ends) else 0
+    if not total:
         nothing = np.full(rules.levels, np.nan)
         return Levels(nothing, nothing)
-    descending = np.sort(scores)[::-1]
-    reached = np.arange(1, len(scores) + 1) / truth_boxes
-    threshold = np.interp(recall, reached, descending, right=0)
-    threshold[recall > reached.max()] = np.nan
+    # of the curve from box to box only the points beside a level matter
+    beside = np.floor(recall * truth_boxes).astype(np.int64)[:, None] + BESIDE
+    box = np.unique(np.clip(np.r_[beside.ravel(), total], 1, total))
+    descending = matched.score[np.searchsorted(ends, box)]
+    threshold = np.interp(recall, box / truth_boxes, descending, right=0)
+    threshold[recall > total / truth_boxes] = np.nan
     return Levels(threshold[::-1], recall[::-1])
 
 
@@ -202,7 +222,7 @@ def class_curves(scenes: Scenes, rules: Rules) -> Curves:
     boxes = len(scenes.truth) - 1
     if boxes == 0:
         return unreached_curves(rules)
-    levels = recall_levels(matched_scores(scenes).score, boxes, rules)
+    levels = recall_levels(ScoreCounts.of(matched_scores(scenes).score), boxes, rules)
     tally = tally_levels(scenes, levels.distinct)
     return curves_of(tally, levels, TruthSize(boxes, len(scenes.object)))
 
