@@ -19,16 +19,15 @@ from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I32, I64, Mask
 from mottrack.eval.nuscenes.boxes import Prepared
 from mottrack.eval.nuscenes.kernel import Scenes
+from mottrack.eval.nuscenes.levels import ScoreCounts, recall_levels
 from mottrack.eval.nuscenes.metrics import (
     Curves,
     Metrics,
-    ScoreCounts,
     Tally,
     TruthSize,
     class_scenes,
     curves_of,
     matched_scores,
-    recall_levels,
     run_passes,
     summarise,
     unreached_curves,

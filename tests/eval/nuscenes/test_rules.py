@@ -11,13 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from mottrack.core.errors import InputError
 from mottrack.eval.nuscenes.assignment import make_solver, solve
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
-from mottrack.eval.nuscenes.metrics import (
-    ScoreCounts,
-    class_scenes,
-    evaluate,
-    recall_levels,
-    run_at,
-)
+from mottrack.eval.nuscenes.levels import ScoreCounts, recall_levels
+from mottrack.eval.nuscenes.metrics import class_scenes, evaluate, run_at
 from mottrack.eval.nuscenes.prepare import fill_gaps, kept_boxes, mean_scores, prepare
 from mottrack.eval.nuscenes.rules import Rules
 
