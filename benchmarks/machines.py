@@ -145,7 +145,7 @@ def efficiency(options: argparse.Namespace, out: Path) -> list[dict[str, object]
     Both run at once, so that whatever else the machine does slows both alike; the time in which
     both are at work is compared, from the end of each one's first scenes, hence warm.
     """
-    scenes = 6 if options.quick else 60
+    scenes = 6 if options.quick else options.scenes
     chosen = [f"dataset.scenes={scenes}", f"dataset.duration_s={options.seconds}"]
     chosen += ["flow=pillarflow", "tracker=kalman", "snapshots.scenes=0"]
     context = multiprocessing.get_context("spawn")
@@ -224,6 +224,7 @@ def main() -> None:
     measures = {"kills": kills, "efficiency": efficiency, "kitti": kitti}
     parser.add_argument("what", choices=measures, nargs="?", default="efficiency")
     parser.add_argument("--quick", action="store_true", help="a few scenes")
+    parser.add_argument("--scenes", type=int, default=60, help="of efficiency (default 60)")
     parser.add_argument(
         "--seconds", type=int, default=10, help="length of a scene of efficiency (default 10)"
     )
