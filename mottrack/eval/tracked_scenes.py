@@ -13,8 +13,9 @@ from mottrack.core.arrays import Mask, Texts
 from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.eval.memo import Memo
-from mottrack.eval.scores import ScoreConfig, ScoreFilter, score_filters, scored_part, selected
+from mottrack.eval.evaluation import Evaluation
+from mottrack.eval.occlusion import hidden_shares
+from mottrack.eval.scores import ScoreConfig, ScoreFilter, scored_part, selected
 
 Velocities = Literal["all", "observed", "none"]
 Values = Mapping[Hashable, str | float]
@@ -38,20 +39,24 @@ class TrackedScenes:
     """Which boxes count, where that is given; None: as the scores of a run choose them."""
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Class of a track to other labels that do not deny it (a van, to a detector of cars)."""
-    memo: Memo = field(default_factory=Memo, repr=False, compare=False)
-    """Intermediate values that several evaluations share."""
+    _boxes: dict[tuple[int, ScoreFilter], tuple[TruthTable, TrackTable]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _hidden: dict[int, dict[tuple[int, int], float]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @cached_property
     def parts(self) -> list[SceneResult]:
         """The scenes without what lies where nothing is labelled, or out of the region."""
-        return [self.memo(scored_part, result, self.config) for result in self.results]
+        return [scored_part(result, self.config) for result in self.results]
 
     @cached_property
     def filters(self) -> list[ScoreFilter]:
         """Which boxes the figures are made of: per class, or of all classes at once."""
         if self.counted is not None:
             return list(self.counted)
-        return score_filters(self.parts, self.config, self.memo)
+        return Evaluation(list(self.results), self.config).filters
 
     @property
     def unfiltered(self) -> list[ScoreFilter]:
@@ -60,8 +65,16 @@ class TrackedScenes:
 
     def boxes(self, scene: int, counted: ScoreFilter) -> tuple[TruthTable, TrackTable]:
         """Return the true and the track boxes of a scene that count, in order of their frame."""
-        found: tuple[TruthTable, TrackTable] = self.memo(selected, self.parts[scene], counted)
-        return found
+        key = scene, counted
+        if key not in self._boxes:
+            self._boxes[key] = selected(self.parts[scene], counted)
+        return self._boxes[key]
+
+    def hidden(self, scene: int) -> dict[tuple[int, int], float]:
+        """Return the hidden share of each true box of a scene by frame and identity."""
+        if scene not in self._hidden:
+            self._hidden[scene] = hidden_shares(self.parts[scene])
+        return self._hidden[scene]
 
     def objects_of(self, scene: int) -> SceneObjects | None:
         """Return what the tracker received where objects are labelled; None where not known."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mottrack.core.result import SceneResult
+from mottrack.core.arrays import F64
 from mottrack.eval.metric_info import MetricInfo
+from mottrack.eval.streams import Distribution, Wanted
 from mottrack.report.ranking import NAN, Cell, ReportRun, ranked_cells
 from mottrack.report.tables import Row
 
@@ -49,22 +50,42 @@ class Timing:
         return sum(self.stage_ms.values())
 
     @classmethod
-    def of(cls, results: Sequence[SceneResult]) -> Timing | None:
-        """Summarise all key frames of the scenes; return None where nothing was timed."""
-        timed = [result.timings_s for result in results if result.timings_s]
-        stages = sorted({s for t in timed for s in t} - set(NOT_COUNTED), key=_place)
+    def of(cls, timings_s: Sequence[Mapping[str, F64]]) -> Timing | None:
+        """Summarise the key frames of all scenes; return None where nothing was timed.
+
+        Args:
+            timings_s: of each scene, per stage (T,) seconds; read twice, and not held.
+        """
+        names = {stage for scene in timings_s for stage in scene}
+        stages = sorted(names - set(NOT_COUNTED), key=_place)
         if not stages:
             return None
-        absent = [np.zeros(len(next(iter(t.values())))) for t in timed]
-        stage_ms = {
-            stage: 1e3
-            * np.concatenate([t.get(stage, zero) for t, zero in zip(timed, absent, strict=True)])
-            for stage in stages
-        }
-        total = np.sum(list(stage_ms.values()), axis=0)
-        median, p95 = np.percentile(total, (50, 95))
-        means = {stage: float(values.mean()) for stage, values in stage_ms.items()}
-        return cls(means, float(median), float(p95), float((total <= BUDGET_MS).mean()))
+        every = {stage: Distribution(Wanted()) for stage in stages}
+        total, within = Distribution(Wanted(quantiles=(0.5, 0.95))), 0
+        for scene in timings_s:
+            spent_ms = _milliseconds(scene, stages)
+            for stage, ms in spent_ms.items():
+                every[stage].count(ms)
+            total.count(_total(spent_ms))
+        for scene in timings_s:
+            spent_ms = _milliseconds(scene, stages)
+            for stage, ms in spent_ms.items():
+                every[stage].add(ms)
+            total.add(_total(spent_ms))
+            within += int(np.count_nonzero(_total(spent_ms) <= BUDGET_MS))
+        means = {stage: values.mean for stage, values in every.items()}
+        return cls(means, total.quantile(0.5), total.quantile(0.95), within / total.size)
+
+
+def _milliseconds(timings_s: Mapping[str, F64], stages: Sequence[str]) -> dict[str, F64]:
+    """Return per stage (T,) milliseconds; 0 where a stage did not run."""
+    frames = max(map(len, timings_s.values()), default=0)
+    return {stage: 1e3 * timings_s.get(stage, np.zeros(frames)) for stage in stages}
+
+
+def _total(spent_ms: Mapping[str, F64]) -> F64:
+    total: F64 = np.sum(list(spent_ms.values()), axis=0)
+    return total
 
 
 def stages_of(timings: Sequence[Timing | None]) -> list[str]:

@@ -19,7 +19,8 @@ def of_run(run: ScoredRun) -> TrackedScenes:
         ResultError: a file is damaged.
     """
     objects = tuple(run.folder.load_objects(scene) for scene in run.finished)
-    return TrackedScenes(tuple(run.results), run.config, objects, memo=run.memo)
+    results = tuple(run.folder.load(scene, flow=False) for scene in run.finished)
+    return TrackedScenes(results, run.config, objects)
 
 
 def of_folders(paths: list[Path]) -> dict[str, TrackedScenes]:

@@ -14,7 +14,6 @@ from mottrack.core.result import SceneResult
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval.arithmetic import SPEED_EDGES_MPS
 from mottrack.eval.flow_error import RANGE_EDGES_M
-from mottrack.eval.slices.occlusion import hidden_shares
 from mottrack.eval.tracked_scenes import TrackedScenes
 
 POINT_EDGES = (0.0, 1.0, 5.0, 20.0, 100.0, np.inf)
@@ -107,7 +106,7 @@ def _points(boxes: Boxes) -> Named:
 
 
 def _occlusion(boxes: Boxes) -> Named:
-    shares = boxes.scenes.memo(hidden_shares, boxes.result)
+    shares = boxes.scenes.hidden(boxes.index)
     keys = zip(boxes.truth.frame.tolist(), boxes.truth.id.tolist(), strict=True)
     hidden = np.array([shares[key] for key in keys], np.float64)
     return Named(binned(hidden, HIDDEN_EDGES, "hidden"))

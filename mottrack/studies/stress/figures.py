@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.additive import AdditiveMetric
-from mottrack.eval.memo import Memo
+from mottrack.eval.evaluation import Evaluation
 from mottrack.eval.paired import MetricKey, Sampled, sample
 from mottrack.eval.run_metrics import OFFICIAL, Resampling, run_metrics
-from mottrack.eval.scores import (
-    ScoreConfig,
-    scene_scores,
-    score_filters,
-    scored_part,
-)
+from mottrack.eval.scores import scene_scores, scored_part
 
 VELOCITY = "velocity_error_mps"
 LOWER = ("id_switches", "false_positives", VELOCITY)
@@ -32,30 +24,28 @@ def stress_key(figure: str) -> MetricKey:
     return MetricKey("stress", "all", figure, lower_is_better=figure in LOWER)
 
 
-def sampled_figures(results: Sequence[SceneResult], common: Resampling) -> dict[str, Sampled]:
+def sampled_figures(run: Evaluation, common: Resampling) -> dict[str, Sampled]:
     """Return every figure of a run with its values on the resamples.
 
     AMOTA seeks its thresholds anew in every resample, as everywhere; the others are those of all
     boxes at the scores that the whole run is best with.
 
     Args:
-        results: S scenes.
+        run: S scenes.
         common: resamples and rules, those of the undamaged run.
     """
-    memo, weights = Memo(), common.weights
-    official = run_metrics(results, common, memo)
-    unknown = Sampled(np.nan, np.full(len(weights), np.nan), np.zeros(len(results), np.bool_))
-    found = _counted(results, common.config, weights)
+    weights = common.weights
+    official = run_metrics(run, common)
+    unknown = Sampled(np.nan, np.full(len(weights), np.nan), np.zeros(len(run.results), np.bool_))
+    found = _counted(run, weights)
     found["amota"] = unknown if common.rules is None else official.get(OFFICIAL[0], unknown)
     found[VELOCITY] = official.get(_VELOCITY_KEY, unknown)
     return {name: found[name] for name in FIGURES}
 
 
-def _counted(
-    results: Sequence[SceneResult], config: ScoreConfig, weights: I64
-) -> dict[str, Sampled]:
-    parts = [scored_part(result, config) for result in results]
-    filters = score_filters(parts, config)
+def _counted(run: Evaluation, weights: I64) -> dict[str, Sampled]:
+    config, filters = run.config, run.filters
+    parts = [scored_part(result, config) for result in run.results]
     scenes = [[scene_scores(part, one, config) for one in filters] for part in parts]
     counts = [clear.total(s.clear for s in scene) for scene in scenes]
     whole = [identity.total(s.identity for s in scene) for scene in scenes]

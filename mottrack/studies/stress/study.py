@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from mottrack.core import SceneResult
+from mottrack.eval.evaluation import Evaluation
 from mottrack.eval.paired import PairedDifference, Sampled, paired
 from mottrack.eval.run_metrics import Resampling
 from mottrack.experiment.experiment import Experiment
@@ -76,8 +77,9 @@ def outcomes(
         scenes = [StressedScene(dataset.scene(name), UNDAMAGED) for name in names]
         clean = _results(group, scenes, UNDAMAGED)
         config = group[0].settings.scores
-        common = Resampling.of(clean, config, plan.resamples)
-        undamaged = [sampled_figures(results, common) for results in clean]
+        whole = [Evaluation(results, config) for results in clean]
+        common = Resampling.of(whole, plan.resamples)
+        undamaged = [sampled_figures(run, common) for run in whole]
         for kind in plan.kinds:
             tell(f"{DAMAGES[kind].title.lower()}: {', '.join(e.title for e in group)}")
             for amount in DAMAGES[kind].steps:
@@ -85,7 +87,8 @@ def outcomes(
                 found = undamaged
                 if amount:
                     worse = _results(group, scenes, stress)
-                    found = [sampled_figures(results, common) for results in worse]
+                    runs = [Evaluation(results, config) for results in worse]
+                    found = [sampled_figures(run, common) for run in runs]
                 for experiment, figures in zip(group, found, strict=True):
                     yield Outcome(experiment.title, stress, figures)
 

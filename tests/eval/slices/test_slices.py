@@ -10,11 +10,12 @@ from typer.testing import CliRunner
 
 from mottrack.cli import app
 from mottrack.core.errors import ConfigError, DataError
+from mottrack.eval.evaluation import score
+from mottrack.eval.occlusion import hidden_shares
 from mottrack.eval.paired import draw
-from mottrack.eval.scores import ScoreConfig, score
+from mottrack.eval.scores import ScoreConfig
 from mottrack.eval.slices.columns import binned
 from mottrack.eval.slices.figures import MOTA, PRECISION, RECALL, VELOCITY, figure_key, slices
-from mottrack.eval.slices.occlusion import hidden_shares
 from mottrack.eval.slices.own_columns import read_own_columns
 from mottrack.eval.tracked_scenes import TrackedScenes
 from mottrack.experiment.experiment import load_experiments
@@ -47,7 +48,7 @@ def values(tracked: TrackedScenes, *by: str) -> dict[tuple[str, str, str], float
 
 
 def test_slices_by_class_are_the_scores_of_the_classes(driven: TrackedScenes) -> None:
-    whole = score(driven.results, driven.config)
+    whole = score(list(driven.results), driven.config)
     found = values(driven, "class")
     for label, scores in whole.classes.items():
         if scores.clear.truth:
