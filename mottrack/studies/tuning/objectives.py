@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.core.result import SceneResult
+from mottrack.eval.evaluation import score
 from mottrack.eval.paired import MetricKey, PairedDifference, student_interval
-from mottrack.eval.scores import ScoreConfig, Scores, score
+from mottrack.eval.scores import ScoreConfig, Scores
 
 
 class Objective(NamedTuple):

@@ -15,8 +15,9 @@ from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError, MottrackError, ResultError
 from mottrack.core.result import SceneResult
 from mottrack.core.storage import write_text
+from mottrack.eval.evaluation import score
 from mottrack.eval.paired import PairedDifference
-from mottrack.eval.scores import ScoreConfig, score
+from mottrack.eval.scores import ScoreConfig
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.plugins import Part, load_part
 from mottrack.studies.tuning.objectives import OBJECTIVES, Objective, differences
