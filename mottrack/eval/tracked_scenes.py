@@ -26,10 +26,11 @@ Values = Mapping[Hashable, str | float]
 class TrackedScenes:
     """Scenes with truth and tracks, and what else is known of them."""
 
-    results: tuple[SceneResult, ...]
+    results: Sequence[SceneResult]
+    """May be read anew each time one is asked for: those of a run are not all held."""
     config: ScoreConfig
     """How boxes are matched, and which count."""
-    objects: tuple[SceneObjects | None, ...] = ()
+    objects: Sequence[SceneObjects | None] = ()
     """What the tracker received; None, or no tuple at all, where nobody stored it."""
     velocities: Velocities = "all"
     """Of which track boxes the velocity means anything."""
@@ -39,24 +40,32 @@ class TrackedScenes:
     """Which boxes count, where that is given; None: as the scores of a run choose them."""
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Class of a track to other labels that do not deny it (a van, to a detector of cars)."""
-    _boxes: dict[tuple[int, ScoreFilter], tuple[TruthTable, TrackTable]] = field(
+    _held: dict[int, tuple[SceneResult, SceneResult]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
     _hidden: dict[int, dict[tuple[int, int], float]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
-    @cached_property
-    def parts(self) -> list[SceneResult]:
-        """The scenes without what lies where nothing is labelled, or out of the region."""
-        return [scored_part(result, self.config) for result in self.results]
+    def result(self, scene: int) -> SceneResult:
+        """Return a scene; the last one that was asked for is held, no other."""
+        if scene not in self._held:
+            self._held.clear()
+            result = self.results[scene]
+            self._held[scene] = result, scored_part(result, self.config)
+        return self._held[scene][0]
+
+    def part(self, scene: int) -> SceneResult:
+        """Return it without what lies where nothing is labelled, or out of the region."""
+        self.result(scene)
+        return self._held[scene][1]
 
     @cached_property
     def filters(self) -> list[ScoreFilter]:
         """Which boxes the figures are made of: per class, or of all classes at once."""
         if self.counted is not None:
             return list(self.counted)
-        return Evaluation(list(self.results), self.config).filters
+        return Evaluation(self.results, self.config).filters
 
     @property
     def unfiltered(self) -> list[ScoreFilter]:
@@ -65,15 +74,12 @@ class TrackedScenes:
 
     def boxes(self, scene: int, counted: ScoreFilter) -> tuple[TruthTable, TrackTable]:
         """Return the true and the track boxes of a scene that count, in order of their frame."""
-        key = scene, counted
-        if key not in self._boxes:
-            self._boxes[key] = selected(self.parts[scene], counted)
-        return self._boxes[key]
+        return selected(self.part(scene), counted)
 
     def hidden(self, scene: int) -> dict[tuple[int, int], float]:
         """Return the hidden share of each true box of a scene by frame and identity."""
         if scene not in self._hidden:
-            self._hidden[scene] = hidden_shares(self.parts[scene])
+            self._hidden[scene] = hidden_shares(self.part(scene))
         return self._hidden[scene]
 
     def objects_of(self, scene: int) -> SceneObjects | None:
@@ -81,7 +87,7 @@ class TrackedScenes:
         objects = self.objects[scene] if self.objects else None
         if objects is None:
             return None
-        result = self.results[scene]
+        result = self.result(scene)
         kept: Mask = result.frames.labelled(objects.frame, objects.centre_m)
         region = self.config.region
         return objects.select(kept if region is None else kept & region.holds(result, objects))

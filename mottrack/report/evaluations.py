@@ -157,7 +157,7 @@ def _suspects(title: str, scenes: TrackedScenes, player: Player) -> SuspectsOfRu
         return SuspectsOfRun(title, [], 0, found)
     listed = found[:MOST_SUSPECTS]
     cells = suspect_table(title, listed).texts()
-    origins = [result.frames.world_T_ego[0, :2, 3] for result in scenes.results]
+    origins = [result.frames.world_T_ego[0, :2, 3].copy() for result in scenes.results]
     rows = [
         Suspected(row, _link(one, title, origins[one.scene_index], player))
         for one, row in zip(listed, cells, strict=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from mottrack.core.errors import ResultError
 from mottrack.eval.tracked_scenes import TrackedScenes
 from mottrack.experiment.experiment import load_experiments
 from mottrack.runs.comparison import variants_of
+from mottrack.runs.per_scene import PerScene
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.scored_run import ScoredRun
 
@@ -18,9 +20,10 @@ def of_run(run: ScoredRun) -> TrackedScenes:
     Raises:
         ResultError: a file is damaged.
     """
-    objects = tuple(run.folder.load_objects(scene) for scene in run.finished)
-    results = tuple(run.folder.load(scene, flow=False) for scene in run.finished)
-    return TrackedScenes(results, run.config, objects)
+    results = PerScene(run.finished, partial(run.folder.load, flow=False))
+    objects = PerScene(run.finished, run.folder.load_objects)
+    counted = tuple(run.evaluation.filters)
+    return TrackedScenes(results, run.config, objects, counted=counted)
 
 
 def of_folders(paths: list[Path]) -> dict[str, TrackedScenes]:
@@ -36,7 +39,7 @@ def of_folders(paths: list[Path]) -> dict[str, TrackedScenes]:
             raise ResultError(path, "content", "no run.json", "the folder of a run")
         for folder in map(RunFolder, folders):
             config = load_experiments(str(folder.config_file))[0].settings.scores
-            results = tuple(map(folder.load, folder.scenes))
-            objects = tuple(map(folder.load_objects, folder.scenes))
+            results = PerScene(folder.scenes, partial(folder.load, flow=False))
+            objects = PerScene(folder.scenes, folder.load_objects)
             found[folder.path.name] = TrackedScenes(results, config, objects)
     return found

@@ -87,7 +87,7 @@ def of_scenes(scenes: TrackedScenes) -> list[Scene]:
 
 
 def _of_class(scenes: TrackedScenes, index: int, score_filter: ScoreFilter) -> Tracking:
-    result = scenes.parts[index]
+    result = scenes.part(index)
     truth, tracks = scenes.boxes(index, score_filter)
     seen = ~truth.interpolated[:, None]  # a filled gap tells no velocity
     known = scenes.known_velocity(tracks)[:, None]
@@ -105,7 +105,7 @@ def _of_class(scenes: TrackedScenes, index: int, score_filter: ScoreFilter) -> T
 
 def _objects(scenes: TrackedScenes, index: int, score_filter: ScoreFilter) -> Side | None:
     """Return what the tracker received of a class within its range."""
-    found, result = scenes.objects_of(index), scenes.parts[index]
+    found, result = scenes.objects_of(index), scenes.part(index)
     if found is None:
         return None
     if score_filter.label:

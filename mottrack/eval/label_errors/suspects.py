@@ -78,9 +78,9 @@ def _strength(one: Suspect) -> tuple[int, int, float, str, int]:
 
 
 def _of_class(scenes: TrackedScenes, index: int, score_filter: ScoreFilter) -> Iterator[Suspect]:
-    result, objects = scenes.parts[index], scenes.objects_of(index)
+    result, objects = scenes.part(index), scenes.objects_of(index)
     tracks = _counted(result, score_filter)
-    truth = scenes.results[index].truth
+    truth = scenes.result(index).truth
     if objects is None or not len(tracks):
         return
     evidence = Evidence.of(tracks, objects, truth)
@@ -178,7 +178,7 @@ class _Seen:
         flow = known and bool(evidence.flow[rows].mean() > 0.5)  # in most of the frames
         agreed = ("detections", *(("flow",) if flow else ()), "tracks")
         return Suspect(
-            scene=self.scenes.results[self.index].name,
+            scene=self.scenes.part(self.index).name,
             scene_index=self.index,
             kind=kind,
             label=str(tracks.label[at]),

@@ -65,10 +65,12 @@ def calibrations(scenes: TrackedScenes, weights: I64) -> list[Calibration] | str
         scenes: truth and tracks.
         weights: (B, S) how often each scene counts in each resample.
     """
-    of_class = {
-        one.label or ALL: [scored_boxes(scenes, index, k) for index in range(len(scenes.results))]
-        for k, one in enumerate(scenes.unfiltered)
-    }
+    labels = [one.label or ALL for one in scenes.unfiltered]
+    rows = [
+        [scored_boxes(scenes, index, k) for k in range(len(labels))]
+        for index in range(len(scenes.results))
+    ]
+    of_class = {label: [row[k] for row in rows] for k, label in enumerate(labels)}
     every = [
         Scored(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         for parts in zip(*of_class.values(), strict=True)
@@ -90,7 +92,7 @@ def calibrations(scenes: TrackedScenes, weights: I64) -> list[Calibration] | str
 
 def scored_boxes(scenes: TrackedScenes, index: int, class_index: int) -> Scored:
     """Return the track boxes of one class in a scene and whether each is matched."""
-    result, distance_m = scenes.parts[index], scenes.config.match_distance_m
+    result, distance_m = scenes.part(index), scenes.config.match_distance_m
     truth, tracks = scenes.boxes(index, scenes.unfiltered[class_index])
     pairs = find_pairs(
         BoxStream(truth.frame, truth.id),

@@ -39,7 +39,7 @@ class Boxes:
     @property
     def result(self) -> SceneResult:
         """The scene."""
-        return self.scenes.parts[self.index]
+        return self.scenes.part(self.index)
 
     def range_m(self, table: TruthTable | TrackTable) -> F64:
         """Return the distance of boxes from the vehicle over the ground, (N,)."""

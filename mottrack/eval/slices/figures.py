@@ -48,10 +48,13 @@ def slices(scenes: TrackedScenes, by: Sequence[str], weights: I64) -> list[Slice
     Raises:
         ConfigError: a column is not known.
     """
-    matched = [list(_matched(scenes, index)) for index in range(len(scenes.results))]
+    summed: dict[str, list[dict[str, F64]]] = {name: [] for name in by}
+    for index in range(len(scenes.results)):  # one scene is held at a time
+        parts = list(_matched(scenes, index))
+        for name in by:
+            summed[name].append(_sums(name, parts))
     found: list[Slice] = []
-    for name in by:
-        sums = [_sums(name, parts) for parts in matched]
+    for name, sums in summed.items():
         values = sorted({value for scene in sums for value in scene}, key=_order)
         found += [_slice(name, value, sums, weights) for value in values]
     return found
@@ -66,7 +69,7 @@ class _Matched:
 
 
 def _matched(scenes: TrackedScenes, index: int) -> Iterator[_Matched]:
-    result, config = scenes.parts[index], scenes.config
+    result, config = scenes.part(index), scenes.config
     for one in scenes.filters:
         truth, tracks = scenes.boxes(index, one)
         pairs = find_pairs(
