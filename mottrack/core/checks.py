@@ -16,6 +16,10 @@ COVARIANCE_TOLERANCE = 1e-6
 float32, which flow sources compute in, with a factor of about ten to spare."""
 
 
+MAX_PLACE_M = 1e8
+"""The Earth's own coordinates stay below 1e7 m; a place beyond this is a damaged number."""
+
+
 class Column(NamedTuple):
     """A column of a table: what each row holds."""
 
@@ -133,6 +137,16 @@ def require_instance(field: str, value: object, kind: type[Any]) -> None:
 def require_finite(field: str, array: NDArray[Any]) -> None:
     """Raise InputError naming the first entry of ``array`` that is NaN or infinite."""
     require_all(field, array, np.isfinite(array), "a finite number")
+
+
+def require_within(field: str, array: NDArray[Any], most: float, unit: str) -> None:
+    """Raise InputError naming the first entry that is not finite, or larger than ``most``.
+
+    Squares of what is let through do not overflow.
+    """
+    if array.size and not (array.min() >= -most and array.max() <= most):  # NaN fails too
+        require_finite(field, array)
+        require_all(field, array, np.abs(array) <= most, f"within {most:g} {unit}".rstrip())
 
 
 def require_all(field: str, array: NDArray[Any], good: Mask, expected: str) -> None:

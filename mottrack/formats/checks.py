@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core.arrays import F32, I16, Floats
+from mottrack.core.checks import MAX_PLACE_M
 from mottrack.core.errors import DataError
 from mottrack.core.limits import MAX_POINTS, Limit
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import NonFiniteError, NotRigidError, TruncatedError
 from mottrack.formats.files import read_bytes, require_size
-from mottrack.formats.rigid import MAX_DEFECT, MAX_PLACE_M, quaternion_length, upright_cosine
+from mottrack.formats.rigid import MAX_DEFECT, quaternion_length, upright_cosine
 
 MAX_RANGE_M = 2_000.0
 """No LiDAR sees farther; a coordinate beyond it is a damaged file, not a return."""
