@@ -161,8 +161,10 @@ class IcpFlow(FlowSourceBase):
         """Return the planar shift (2,) of a cluster to where it was; NaN if that is uncertain."""
         config = self.config
         centre_m = cluster_m.mean(axis=0)
-        # half width: every point of the box lies within its diagonal of the centroid
-        half_m = float(np.hypot(*box.size_m[0, :2])) + 1.0
+        # half width: every point of the box lies within its diagonal of the centroid, and within
+        # the square of obstacle points, whatever size a detector gives it
+        widest_m = 2.0 * self._ground.find.reach_m
+        half_m = min(float(np.hypot(*box.size_m[0, :2])), widest_m) + 1.0
         own_grid = build_point_grid(cluster_m - centre_m, config.truncation_m, half_m)
         best_m, best_residual_m = np.full(2, np.nan), config.worst_residual_m
         for k, start_m in enumerate(self._starts(cluster_m, box, target, current)):

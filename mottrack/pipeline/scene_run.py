@@ -17,9 +17,11 @@ from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import median_period_s
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
+from mottrack.datasets.plausibility.watch import SceneWatch
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_sampler import FlowSampler
 from mottrack.pipeline.latency import StepTimes
+from mottrack.pipeline.measured_flow import MeasuredFlow
 from mottrack.pipeline.once import SharedFlow, SharedFrames, SharedObjects
 from mottrack.pipeline.snapshots import SnapshotRecorder
 from mottrack.pipeline.stream import Perception, Pipeline, make_flow
@@ -159,6 +161,7 @@ class SceneLoop:
         self._sampler = FlowSampler.of(settings, has_sweeps=scene.has_sweeps)
         self._recorder = SnapshotRecorder(settings.snapshots.points, enabled=member.keep_snapshots)
         self._reads_sweeps = self._sampler.enabled or self._pipeline.needs_sweeps
+        self._watch, self._measured = SceneWatch(scene), MeasuredFlow()
         self._keys: list[Frame] = []
         self._steps: list[Tracks] = []
         self._stamps_ns: list[int] = []
@@ -176,7 +179,10 @@ class SceneLoop:
         self._stamps_ns.append(frame.stamp_ns)
         _check_detections(pipeline, self._scene, frame)
         self._sampler.observe(frame)
+        self._watch.add_unseen(frame, sweep)
         step = pipeline.step(frame, sweep)
+        if pipeline.flow.needs_sweeps:
+            self._measured.add(step)
         if step.tracks is not None:
             self._sampler.collect(frame, step, row)
             self._recorder.take(row, sweep, step.field, step.objects)
@@ -193,7 +199,8 @@ class SceneLoop:
         """
         steps, samples = self._pipeline.finish(self._steps), self._sampler.samples()
         result = _result(self._scene, self._keys, steps, samples)
-        result = replace(result, timings_s=self._pipeline.watch.seconds())
+        concerns = (*self._watch.concerns(), *self._measured.concerns())
+        result = replace(result, timings_s=self._pipeline.watch.seconds(), concerns=concerns)
         period_s = median_period_s(self._stamps_ns, DEFAULT_PERIOD_S)
         return SceneRun(result, self._recorder.snapshots, self._pipeline.step_times(period_s))
 

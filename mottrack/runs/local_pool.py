@@ -66,6 +66,8 @@ class _Worker:
     process: SpawnProcess
     connection: Connection
     task: Task | None = None
+    served: bool = False
+    """Whether it has ended a task."""
 
 
 @dataclass
@@ -101,6 +103,7 @@ class _Pool:
             return
         if isinstance(message, list):
             self._end(message)
+            worker.served = True
             self._give_task(worker)
         else:
             self.progress.frames(task.scene, *message)
@@ -118,7 +121,24 @@ class _Pool:
             self.idle.append(worker)
             return
         self.busy[worker.connection] = worker
-        worker.connection.send(worker.task)
+        try:
+            worker.connection.send(worker.task)
+        except (BrokenPipeError, ConnectionResetError):  # it died since its last result
+            self._replace(worker, worker.task)
+
+    def _replace(self, worker: _Worker, task: Task) -> None:
+        """Give the task of a worker that died before it received it to another one.
+
+        If not even its first task was received, that is a death of the task: one that can't be
+        sent would be tried for ever.
+        """
+        if not worker.served:
+            self._retry(worker, task)
+            return
+        del self.busy[worker.connection]
+        worker.process.join()
+        self.queue.appendleft(task)
+        self.start_worker()
 
     def _retry(self, worker: _Worker, task: Task) -> None:
         """Queue the task of a dead worker again, unless it was the last attempt."""

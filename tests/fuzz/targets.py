@@ -109,13 +109,13 @@ def read_scene(kind: str, *, sweeps: bool = False) -> Callable[[Path], Read]:
         values: Values = [scene.has_sweeps]
         for index in range(len(scene)):
             frame = scene.frame(index)
-            watch.add(frame)
             values += [frame.stamp_ns, frame.is_key, frame.world_T_ego.matrix]
             for boxes in (frame.truth, frame.detections):
                 if boxes is not None:
                     values += [boxes.centre_m, boxes.size_m, boxes.yaw_rad, boxes.label]
-            if sweeps:
-                sweep = scene.sweep(index)
+            sweep = scene.sweep(index) if sweeps else None
+            watch.add_unseen(frame, sweep)
+            if sweep is not None:
                 values += [sweep.xyz_m, sweep.reflectance]
         return Read(values, list(watch.concerns()))
 

@@ -15,6 +15,7 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, has_jumped
+from mottrack.flow.pillarflow.forked import require_threads
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
 from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig
@@ -119,11 +120,16 @@ class PillarFlow(FlowSourceBase):
         return self.stages.after(field, pair) if self.config.refined else field
 
     def raw(self, pair: SweepPair) -> FlowField:
-        """Run the network alone; nothing is valid if either sweep is empty."""
+        """Run the network alone; nothing is valid if either sweep is empty.
+
+        Raises:
+            ConfigError: the process was forked from one that had run the network.
+        """
         previous, current = pair.previous, pair.current
         occupied = self.grid.occupancy(current.xyz_m)
         if not len(previous) or not occupied.any():
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+        require_threads()
         motion = self._engine.run(
             network_points(previous.xyz_m, pair.previous_height_m, previous.reflectance),
             network_points(current.xyz_m, pair.current_height_m, current.reflectance),
