@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 
 import typer
@@ -28,6 +29,9 @@ def main() -> None:
     """
     from mottrack.core.errors import MottrackError
 
+    for stream in (sys.stdout, sys.stderr):  # a terminal may not have every letter of a name
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     try:
         app()
     except MottrackError as error:
