@@ -1,6 +1,8 @@
 import io
 import json
+import multiprocessing
 import shutil
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +18,10 @@ from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.runs.comparison import load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables
-from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.local_pool import LocalPool, _Pool, _Worker
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, run_experiment
+from mottrack.runs.tasks import Task
 from mottrack.runs.terminal import print_comparison
 
 HERE = Path("experiment.yaml")
@@ -91,6 +94,25 @@ def test_a_failure_loses_only_its_scene_and_a_killed_worker_is_retried(
     assert report.failed["bug"].startswith("KeyError: 'bug' (toy_plugins.py:")
     assert "its process died" in report.failed["killed"]
     assert not flag.exists()
+
+
+def test_a_worker_that_dies_after_its_result_is_replaced(progress) -> None:
+    class Dead:
+        def join(self) -> None: ...
+
+    task = Task("a", ())
+    for served in (True, False):
+        hired = []
+        pool = _Pool(lambda *_: [], progress, deque([task]))
+        pool.start_worker = lambda hired=hired: hired.append(True)
+        ours, theirs = multiprocessing.Pipe()
+        theirs.close()
+        worker = _Worker(Dead(), ours, served=served)
+        pool._give_task(worker)
+        # the scene is not to blame, unless it is the first that was sent
+        assert [t.deaths for t in pool.queue] == ([0] if served else [1] * len(task.jobs))
+        assert hired == ([True] if served else [])
+        assert not pool.busy
 
 
 def test_an_interrupted_run_is_resumed_with_the_same_bytes(tmp_path: Path, progress) -> None:

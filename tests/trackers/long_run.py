@@ -22,7 +22,7 @@ def hostile_drive(rng: np.random.Generator, steps: int) -> Iterator[Objects]:
         if step % EPOCH == 0:
             scale = 10.0 ** rng.uniform(-2, 3)
             place_m = rng.uniform(-FARTHEST_M, FARTHEST_M, 3) * 10.0 ** rng.uniform(-4, 0)
-            place_m += 30.0 * scale * rng.normal(size=(OBJECTS, 3))
+            place_m = place_m + 30.0 * scale * rng.normal(size=(OBJECTS, 3))
             speed_mps = scale * rng.normal(size=(OBJECTS, 3)) * [1.0, 1.0, 0.01]
         elapsed_s = 10.0 ** (rng.uniform(1.5, 4) if rng.random() < 0.01 else rng.uniform(-4, 1.5))
         stamp_ns += max(int(elapsed_s * 1e9), 1)

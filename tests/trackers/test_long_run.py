@@ -39,11 +39,11 @@ def test_a_million_steps(name: str) -> None:
 
 @pytest.mark.parametrize("make", [KalmanTracker, FixedLagTracker])
 def test_gaps_scales_and_places_around_the_earth(make: type) -> None:
-    """Of this, `benchmarks/long_runs.py` does a million steps and a hundred thousand."""
+    """Of this, `benchmarks/long_runs.py` does hundreds of thousands of steps."""
     health, tracker = Health(), make()
-    for objects in hostile_drive(np.random.default_rng(2), 1500):
+    for objects in hostile_drive(np.random.default_rng(2), 600):
         health.add(tracker.step(objects.stamp_ns, objects))
-    assert health.tracks > 500
+    assert health.tracks > 100
     assert health.not_finite == 0
     assert health.asymmetry < 1e-9
     assert health.smallest > 0.0
