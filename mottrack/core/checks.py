@@ -56,10 +56,7 @@ def as_array(
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
     if array.shape == (0,) and len(shape) > 1 and shape[0] in (None, 0) and None not in shape[1:]:
         array = array.reshape(0, *shape[1:])  # an empty list: no rows
-    fits = array.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
+    if array.shape != shape and not _fits(array.shape, shape):
         want = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"shape of {field}", array.shape, want)
     if array is not given:
@@ -67,6 +64,12 @@ def as_array(
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
+    return len(have) == len(want) and all(
+        n is None or n == m for n, m in zip(want, have, strict=True)
+    )
 
 
 def _refuse_masked(field: str, value: object) -> None:

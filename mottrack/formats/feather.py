@@ -138,7 +138,7 @@ def _texts(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
         strings = values.to_pylist()
     except _FAULTS as error:
         raise DataError(path, column.name, f"unreadable ({error})", "text") from error
-    if not all(isinstance(value, str) for value in strings):
+    if not pa.types.is_string(values.type) and not all(isinstance(v, str) for v in strings):
         raise DataError(path, column.name, str(values.type), "text")
     if not "".join(strings).isprintable():
         row, text = next((i, text) for i, text in enumerate(strings) if not text.isprintable())
