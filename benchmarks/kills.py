@@ -8,7 +8,7 @@ the moments fall on every part of a run: its start, the writing of a result, the
     ends: SIGKILL of the whole process group, of the driver alone, of one worker; SIGINT as by
           Ctrl-C; SIGTERM of the driver.
 
---count N trials (200, with --quick 6); the exit code is 1 if one differs.
+--count N trials (200, with --quick 6), --seed of the moments; the exit code is 1 if one differs.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ LONGEST_S = 300.0
 
 
 def main() -> None:
-    options = arguments(__doc__ or "", count=int)
+    options = arguments(__doc__ or "", count=int, seed=int)
     count = options.count or (6 if options.quick else 200)
     from mottrack.cli import app
 
     for module in USED:
         import_module(module)
     with tempfile.TemporaryDirectory() as folder:
-        rows = trials(app, Path(folder), count)
+        rows = trials(app, Path(folder), count, options.seed or 0)
     keys = ("trials", "same", "late")
     total = {"command": "all", "ended by": "all"} | {k: sum(r[k] for r in rows) for k in keys}
     report([*rows, total], options.json)
@@ -64,7 +64,7 @@ def main() -> None:
         raise SystemExit(1)
 
 
-def trials(app: Callable[..., object], root: Path, count: int) -> list[dict[str, Any]]:
+def trials(app: Callable[..., object], root: Path, count: int, seed: int) -> list[dict[str, Any]]:
     """Return a row for each command and end: trials, those with the same bytes, late ends."""
     whole, seconds = {}, {}
     for name, command in COMMANDS.items():
@@ -73,7 +73,7 @@ def trials(app: Callable[..., object], root: Path, count: int) -> list[dict[str,
         whole[name], seconds[name] = contents(root / name), time.monotonic() - began
     counts: dict[str, Any] = {"trials": 0, "same": 0, "late": 0}
     rows = [{"command": name, "ended by": end} | counts for end in ENDS for name in COMMANDS]
-    rng = random.Random(0)
+    rng = random.Random(seed)
     for trial in range(count):
         row, out = rows[trial % len(rows)], root / f"trial-{trial}"
         name, command = row["command"], COMMANDS[row["command"]]
