@@ -163,9 +163,9 @@ def _numbers(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
         bad = np.flatnonzero(~np.isfinite(array))
         place = _place(column.name, bad[0])
         raise NonFiniteError(path, place, float(array[bad[0]]), "a finite number")
-    if column.kind is int:
-        large = np.flatnonzero(array > np.iinfo(np.int64).max) if array.dtype == np.uint64 else ()
-        if len(large):
+    if column.kind is int and array.dtype == np.uint64:
+        large = np.flatnonzero(array > np.iinfo(np.int64).max)
+        if large.size:
             place, value = _place(column.name, large[0]), int(array[large[0]])
             raise DataError(path, place, value, "an integer of 64 bits with sign")
     return array.astype(np.int64 if column.kind is int else np.float64, copy=False)
