@@ -25,6 +25,7 @@ TABLES: dict[str, type[Table]] = {
 }
 BOXES = (
     *("format", "name", "classes", "hull_xy_m"),
+    *("concerns.kind", "concerns.count", "concerns.example"),
     *(f"{prefix}.{c}" for prefix, kind in TABLES.items() if prefix != "flow" for c in kind.COLUMNS),
 )
 """Arrays of a stored result without the samples of its flow."""

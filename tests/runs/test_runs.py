@@ -23,6 +23,7 @@ from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, run_experiment
 from mottrack.runs.tasks import Task
 from mottrack.runs.terminal import print_comparison
+from tests.datasets.makers import embedded_scenes, write_own_log
 
 HERE = Path("experiment.yaml")
 
@@ -235,3 +236,23 @@ def test_a_scene_without_detections_names_the_file_that_should_hold_them(
     words = r"detections/pointrcnn/{Pedestrian,Car,Cyclist}/0000.txt: detections of 0000 is absent"
     with pytest.raises(DataError, match=words.replace("{", r"\{").replace("}", r"\}")):
         run_scene(experiment, scene)
+
+
+def test_what_a_reader_left_out_is_told_again_by_the_run(tmp_path: Path, progress) -> None:
+    """Also where boxes alone are read of a stored result."""
+    log = tmp_path / "logs" / "monday"
+    write_own_log(log, embedded_scenes()[0])
+    sorted(log.glob("sweeps/*"))[1].unlink()
+    tree = {"dataset": {"kind": "folder", "root": str(log.parent)}, "score_flow": False}
+    comparison = run_comparison(
+        compose(tree | {"objects": "clusters", "flow": "zero"}, [], HERE),
+        tmp_path / "out",
+        execution=Execution(LocalPool(1)),
+        progress=progress,
+    )
+    (run,) = comparison.runs
+    assert not comparison.failed
+    assert any("sweeps that are missing or empty: 1 in 1 scene" in text for text in run.concerns)
+    shown = io.StringIO()
+    print_comparison(comparison, Console(file=shown, width=300))
+    assert "sweeps that are missing or empty" in shown.getvalue()
