@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.checks import (
+    MAX_PLACE_M,
     Column,
     Columns,
     as_array,
@@ -18,6 +19,7 @@ from mottrack.core.checks import (
     require_covariance,
     require_finite,
     require_instance,
+    require_within,
     set_array,
     set_columns,
     set_stamp,
@@ -30,6 +32,14 @@ FRAMES = ("world", "ego")
 Hulls = tuple[F64, ...]
 
 
+MAX_SIZE_M = 1e5
+"""No object is 100 km long: such a size is a damaged number."""
+MAX_YAW_RAD = 1e6
+"""Headings may be unwrapped over hours; a larger one has lost its digits of the angle."""
+MAX_SCORE = 1e9
+"""Scores may be logits or sums of returns; squares and sums of larger ones overflow at last."""
+MAX_COVARIANCE = 1e12
+"""(1000 km)^2, (1000 km/s)^2: nothing is known of what is more uncertain."""
 GENERIC = "generic"
 """Label of an object that is not classified: a cluster."""
 
@@ -68,6 +78,9 @@ class Boxes:
         if self.frame not in FRAMES:
             raise InputError("frame", repr(self.frame), f"one of {', '.join(FRAMES)}")
         set_columns(self, self.COLUMNS, self.MAY_BE_NAN)
+        require_within("centre_m", self.centre_m, MAX_PLACE_M, "m")
+        require_within("size_m", self.size_m, MAX_SIZE_M, "m")
+        require_within("yaw_rad", self.yaw_rad, MAX_YAW_RAD, "rad")
         require_all("size_m", self.size_m, self.size_m > 0, "a positive number of metres")
 
     @classmethod
@@ -133,8 +146,10 @@ class Objects(Boxes):
         # zero-argument super() does not work in a dataclass with slots
         Boxes.__post_init__(self)
         n = len(self)
+        require_within("score", self.score, MAX_SCORE, "")
         if self.position_covariance_m2 is not None:
             covariance = set_array(self, "position_covariance_m2", np.float64, (n, 2, 2))
+            require_within("position_covariance_m2", covariance, MAX_COVARIANCE, "m^2")
             require_covariance("position_covariance_m2", covariance)
         if self.num_points is not None:
             set_array(self, "num_points", np.int64, (n,))

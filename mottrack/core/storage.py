@@ -56,7 +56,25 @@ def discard_unfinished(folder: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file atomically."""
-    write_bytes(path, text.encode())
+    write_bytes(path, utf8(text))
+
+
+def utf8(text: str) -> bytes:
+    """Return a text's UTF-8 bytes, whatever the locale it came from.
+
+    Arguments and file names that the locale's encoding does not take hold their bytes as lone
+    surrogates: those that are UTF-8 become what was meant, others are replaced.
+    """
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        raw = text.encode("utf-8", "surrogateescape" if _escaped(text) else "replace")
+        return raw.decode("utf-8", "replace").encode()
+
+
+def _escaped(text: str) -> bool:
+    """Return whether every lone surrogate stands for a byte."""
+    return all(not "\ud800" <= c <= "\udfff" or "\udc80" <= c <= "\udcff" for c in text)
 
 
 def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:

@@ -99,6 +99,9 @@ class Columns:
 
     def refuse_repeated(self, name: str, keys: NDArray[Any], expected: str) -> None:
         """Raise `OutOfOrderError` if a key, an element (N,) or a row (N, K), is there already."""
+        listed = keys.tolist() if keys.ndim == 1 else map(tuple, keys.tolist())
+        if len(set(listed)) == len(self):
+            return  # a set is made in a third of the time of sorting
         repeated = np.ones(len(self), dtype=bool)
         axis = None if keys.ndim == 1 else 0
         repeated[np.unique(keys, axis=axis, return_index=True)[1]] = False

@@ -67,12 +67,15 @@ def _table(path: Path, content: bytes, columns: tuple[ColumnSpec, ...], limit: L
         raise DataError(path, "content", "feather version 1", "version 2 (an Arrow file)")
     data = pa.py_buffer(content)
     try:
-        names = pa.ipc.open_file(data).schema.names
+        reader = pa.ipc.open_file(data)
+        names = reader.schema.names
         _require_columns(path, names, columns)
         _require_rows(path, data, limit)
-        wanted = [names.index(column.name) for column in columns]
-        options = pa.ipc.IpcReadOptions(included_fields=wanted)
-        table = pa.ipc.open_file(data, options=options).read_all()
+        if len(names) > len(columns):
+            wanted = [names.index(column.name) for column in columns]
+            options = pa.ipc.IpcReadOptions(included_fields=wanted)
+            reader = pa.ipc.open_file(data, options=options)
+        table = reader.read_all()
         table.validate(full=True)
     except _FAULTS as error:
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -138,7 +141,7 @@ def _texts(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
         strings = values.to_pylist()
     except _FAULTS as error:
         raise DataError(path, column.name, f"unreadable ({error})", "text") from error
-    if not all(isinstance(value, str) for value in strings):
+    if not pa.types.is_string(values.type) and not all(isinstance(v, str) for v in strings):
         raise DataError(path, column.name, str(values.type), "text")
     if not "".join(strings).isprintable():
         row, text = next((i, text) for i, text in enumerate(strings) if not text.isprintable())
@@ -156,13 +159,13 @@ def _numbers(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
     if not whole and (column.kind is int or not pa.types.is_floating(values.type)):
         raise DataError(path, column.name, str(values.type), column.expected)
     array: NDArray[Any] = values.to_numpy()
-    bad = np.flatnonzero(~np.isfinite(array))
-    if bad.size:
+    if not whole and not np.isfinite(array).all():
+        bad = np.flatnonzero(~np.isfinite(array))
         place = _place(column.name, bad[0])
         raise NonFiniteError(path, place, float(array[bad[0]]), "a finite number")
-    if column.kind is int:
+    if column.kind is int and array.dtype == np.uint64:
         large = np.flatnonzero(array > np.iinfo(np.int64).max)
         if large.size:
             place, value = _place(column.name, large[0]), int(array[large[0]])
             raise DataError(path, place, value, "an integer of 64 bits with sign")
-    return array.astype(np.int64 if column.kind is int else np.float64)
+    return array.astype(np.int64 if column.kind is int else np.float64, copy=False)

@@ -176,7 +176,7 @@ def _page(content: dict[str, Any]) -> str:
     environment.filters["data_url"] = _data_url
     environment.filters["number"] = number
     styles = files("mottrack.report").joinpath("templates", "css")
-    style = "\n".join(styles.joinpath(name).read_text() for name in STYLES)
+    style = "\n".join(styles.joinpath(name).read_text(encoding="utf-8") for name in STYLES)
     return environment.get_template("paper.html.j2").render(**content, style=style)
 
 

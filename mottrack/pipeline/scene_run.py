@@ -18,10 +18,12 @@ from mottrack.core.scene_objects import SceneObjects
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import median_period_s
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
+from mottrack.datasets.plausibility.watch import SceneWatch
 from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_sampler import FlowSampler
 from mottrack.pipeline.latency import StepTimes
+from mottrack.pipeline.measured_flow import MeasuredFlow
 from mottrack.pipeline.once import SharedFlow, SharedFrames, SharedObjects
 from mottrack.pipeline.scene_flow_sampler import SceneFlowSampler, SharedTruth
 from mottrack.pipeline.snapshots import SnapshotRecorder
@@ -167,6 +169,7 @@ class SceneLoop:
         self._scene_flow = SceneFlowSampler(shared.truth, self._sampler.enabled)
         self._recorder = SnapshotRecorder(settings.snapshots.points, enabled=member.keep_snapshots)
         self._reads_sweeps = self._sampler.enabled or self._pipeline.needs_sweeps
+        self._watch, self._measured = SceneWatch(scene), MeasuredFlow()
         self._keys: list[Frame] = []
         self._steps: list[Tracks] = []
         self._objects: list[SceneObjects] = []
@@ -185,8 +188,11 @@ class SceneLoop:
         self._stamps_ns.append(frame.stamp_ns)
         _check_detections(pipeline, self._scene, frame)
         self._sampler.observe(frame)
+        self._watch.add_unseen(frame, sweep)
         step = pipeline.step(frame, sweep)
         self._scene_flow.collect(frame, sweep, step.field)
+        if pipeline.flow.needs_sweeps:
+            self._measured.add(step)
         if step.tracks is not None:
             if step.objects is not None:
                 self._objects.append(SceneObjects.at(row, step.objects))
@@ -205,7 +211,8 @@ class SceneLoop:
         """
         steps, samples = self._pipeline.finish(self._steps), self._sampler.samples()
         result = _result(self._scene, self._keys, steps, samples)
-        result = replace(result, timings_s=self._pipeline.watch.seconds())
+        concerns = (*self._watch.concerns(), *self._measured.concerns())
+        result = replace(result, timings_s=self._pipeline.watch.seconds(), concerns=concerns)
         period_s = median_period_s(self._stamps_ns, DEFAULT_PERIOD_S)
         return SceneRun(
             result,

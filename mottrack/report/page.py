@@ -146,6 +146,10 @@ def _player(
 def _sources() -> dict[str, str]:
     folder = files("mottrack.report").joinpath("templates")
     return {
-        "style": "\n".join(folder.joinpath("css", name).read_text() for name in STYLES),
-        "script": "\n".join(folder.joinpath("js", name).read_text() for name in SCRIPTS),
+        "style": "\n".join(
+            folder.joinpath("css", name).read_text(encoding="utf-8") for name in STYLES
+        ),
+        "script": "\n".join(
+            folder.joinpath("js", name).read_text(encoding="utf-8") for name in SCRIPTS
+        ),
     }

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from mottrack.core.arrays import F64
-from mottrack.core.concerns import SceneConcern, summaries
+from mottrack.core.concerns import Concern, SceneConcern, summaries
+from mottrack.core.result import SceneResult
 from mottrack.datasets.plausibility.seen import SeenScene
 from mottrack.datasets.plausibility.watch import scene_concerns
 from mottrack.eval.evaluation import Evaluation
@@ -105,7 +106,7 @@ class ScoredRun:
 
     @property
     def concerns(self) -> list[str]:
-        """What is unlikely in the data of the finished scenes, a line for each kind."""
+        """What was left out or is unlikely in the finished scenes, a line for each kind."""
         return self._notes.concerns
 
     @property
@@ -119,8 +120,7 @@ class ScoredRun:
         frames, totals_s = 0, dict[str, float]()
         for scene in self.finished:
             result = self.folder.load(scene, flow=False)
-            concerns = scene_concerns(SeenScene.of_result(result))
-            found += [SceneConcern(scene, concern) for concern in concerns]
+            found += [SceneConcern(scene, concern) for concern in _concerns(result)]
             frames += len(result.frames)
             for stage, seconds in result.timings_s.items():
                 totals_s[stage] = totals_s.get(stage, 0.0) + float(np.sum(seconds))
@@ -150,3 +150,10 @@ class ScoredRun:
             "latency": None if self.latency is None else asdict(self.latency),
             "metrics": self.scores.as_dict(),
         }
+
+
+def _concerns(result: SceneResult) -> list[Concern]:
+    """Return what was found while the scene was read, and what its tracks add to that."""
+    known = {concern.kind for concern in result.concerns}
+    of_tracks = scene_concerns(SeenScene.of_result(result))
+    return [*result.concerns, *(c for c in of_tracks if c.kind not in known)]

@@ -6,6 +6,7 @@ import pytest
 from mottrack.core import ConfigError, DataError, Pose
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.dataset import Folder
+from mottrack.datasets.plausibility.watch import SceneWatch
 from tests.datasets import ros_log
 
 STAMPS = [1_000_000_000, 1_100_000_000, 1_200_000_000]
@@ -254,3 +255,50 @@ def test_a_log_of_a_killed_recorder_and_logs_of_other_formats(bag, tmp_path):
     (other / "a.bag").write_bytes(b"#ROSBAG V2.0")
     with pytest.raises(DataError, match=r"logs of another format.*rosbags-convert"):
         _ = RosLogs(RosConfig(root=other)).scene_names
+
+
+def concerns_of(scene):
+    watch = SceneWatch(scene)
+    for index in range(len(scene)):
+        watch.add_unseen(scene.frame(index), scene.sweep(index))
+    return [str(concern) for concern in watch.concerns()]
+
+
+@pytest.mark.parametrize("how", ["missing", "no bytes", "no points"])
+@pytest.mark.parametrize("which", [0, 2])
+def test_a_lost_sweep_costs_that_sweep(log, how, which):
+    path = next(log.glob(f"sweeps/{STAMPS[which]}.*"))
+    path.unlink()
+    if how == "no bytes":
+        path.write_bytes(b"")
+    elif how == "no points":
+        nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+        np.savez(path.with_suffix(".npz"), xyz_m=nothing[0], reflectance=nothing[1])
+    scene = open_log(log)
+    assert [len(scene.sweep(i)) for i in range(3)] == [200 * (i != which) for i in range(3)]
+    assert concerns_of(scene) == [
+        f"sweeps that are missing or empty: 1, first at frame {STAMPS[which]}"
+    ]
+
+
+def test_a_log_without_any_sweep_names_the_first(log):
+    for path in log.glob("sweeps/*"):
+        path.unlink()
+    assert not open_log(log).has_sweeps
+    with pytest.raises(DataError, match=f"{STAMPS[0]}.bin: file is missing"):
+        open_log(log).sweep(0)
+
+
+def test_clouds_without_odometry_are_left_out_and_counted(bag):
+    poses = {stamp: Pose.from_yaw(0.0, (0.0, 0.0, 0.0)) for stamp in STAMPS[:2]}
+    stamps = [STAMPS[0] - 10**7, *STAMPS[:2], STAMPS[1] + 10**7]
+    clouds = {stamp: ros_log.structured(cloud(0), np.zeros(200)) for stamp in stamps}
+    clouds[STAMPS[1]] = ros_log.structured(np.full((5, 3), np.nan), np.zeros(5))
+    ros_log.write_log(bag, clouds, poses)
+    scene = open_bag(bag)
+    assert [scene.frame(i).stamp_ns for i in range(len(scene))] == STAMPS[:2]
+    assert concerns_of(scene) == [
+        f"point clouds without odometry about them, left out: 2, first at {stamps[0]}: /points "
+        f"lasts from {stamps[0]} to {stamps[-1]}, odometry from {STAMPS[0]} to {STAMPS[1]}",
+        f"sweeps that are missing or empty: 1, first at frame {STAMPS[1]}",
+    ]

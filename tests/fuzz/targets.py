@@ -73,9 +73,20 @@ def after_points(row_bytes: int) -> Callable[[bytes], bool]:
     return lambda data: len(data) > 0 and len(data) % row_bytes == 0
 
 
-def in_last_value(columns: int, separator: str | None = None) -> Callable[[bytes], bool]:
-    """The cut fell between two lines or inside the last value of one."""
-    return lambda data: len((data.decode().splitlines() or [""])[-1].split(separator)) >= columns
+def in_last_value(
+    columns: int, separator: str | None = None, fewest: int = 0
+) -> Callable[[bytes], bool]:
+    """The cut fell between two lines or inside the last value of one.
+
+    Where rows may have as few as `fewest` values, nothing says of a single row how many it had.
+    """
+
+    def whole(data: bytes) -> bool:
+        lines = data.decode().splitlines() or [""]
+        needed = fewest if fewest and len(lines) == 1 else columns
+        return len(lines[-1].split(separator)) >= needed
+
+    return whole
 
 
 def common(whole_at: Callable[[bytes], bool], *, may_be_empty: bool = False) -> dict[str, Damage]:
@@ -100,13 +111,13 @@ def read_scene(kind: str, *, sweeps: bool = False) -> Callable[[Path], Read]:
         values: Values = [scene.has_sweeps]
         for index in range(len(scene)):
             frame = scene.frame(index)
-            watch.add(frame)
             values += [frame.stamp_ns, frame.is_key, frame.world_T_ego.matrix]
             for boxes in (frame.truth, frame.detections):
                 if boxes is not None:
                     values += [boxes.centre_m, boxes.size_m, boxes.yaw_rad, boxes.label]
-            if sweeps:
-                sweep = scene.sweep(index)
+            sweep = scene.sweep(index) if sweeps else None
+            watch.add_unseen(frame, sweep)
+            if sweep is not None:
                 values += [sweep.xyz_m, sweep.reflectance]
         return Read(values, list(watch.concerns()))
 
@@ -265,9 +276,11 @@ def table(name: str, /, *, lost: bool = True, **fields: str) -> Target:
     return Target(f"{TABLES}/{name}.json", read_scene("nuscenes"), damages)
 
 
-def text(path: str, read: Callable[[Path], Read], rows: TextRows, columns: int) -> Target:
+def text(
+    path: str, read: Callable[[Path], Read], rows: TextRows, columns: int, fewest: int = 0
+) -> Target:
     may_be_empty = not rows.header and path != "kitti/training/poses/0000.txt"
-    whole_at = in_last_value(columns, rows.separator)
+    whole_at = in_last_value(columns, rows.separator, fewest)
     return Target(path, read, common(whole_at, may_be_empty=may_be_empty) | rows.damages())
 
 
@@ -407,9 +420,9 @@ TARGETS: dict[str, Target] = {
     ),
     "argoverse2 heights": Target("map/*.npy", read_ground, common(never) | npy_damages()),
     "argoverse2 transform": Target("map/*.json", read_ground, common(never)),
-    "mot truth": text("mot/gt.txt", read_mot, TextRows(span(0, 8), ",", bounded=span(2, 6)), 9),
+    "mot truth": text("mot/gt.txt", read_mot, TextRows(span(0, 8), ",", bounded=span(2, 6)), 9, 6),
     "mot tracks": text(
-        "mot/tracks.txt", read_mot, TextRows(span(0, 8), ",", bounded=span(2, 6)), 10
+        "mot/tracks.txt", read_mot, TextRows(span(0, 8), ",", bounded=span(2, 6)), 10, 6
     ),
     "kitti eval labels": text(
         "eval_kitti/labels/0000.txt",

@@ -12,7 +12,6 @@ from mottrack.core.arrays import F64
 from mottrack.datasets.argoverse2.config import CLASSES, Argoverse2Config
 from mottrack.datasets.argoverse2.ground_height import GroundHeight, read_ground_height
 from mottrack.datasets.argoverse2.log_files import (
-    LogPoses,
     annotation_stamps,
     read_annotations,
     read_lidar_origin,
@@ -77,7 +76,7 @@ class Argoverse2Scene:
         self._folder, self._config = folder, config
         self._sweep_stamps = frozenset(sweep_stamps(folder / "sensors" / "lidar"))
         self._stamps = self._frame_stamps()
-        self._poses = self._frame_poses()
+        self._poses = read_poses(folder / POSES, self._stamps)
 
     @property
     def name(self) -> str:
@@ -148,15 +147,6 @@ class Argoverse2Scene:
         """Return the words for annotations that lie there under another name."""
         names = sorted(path.name for path in self._folder.glob("annotations*"))
         return f" (there is {', '.join(names)})" if names else ""
-
-    def _frame_poses(self) -> LogPoses:
-        poses = read_poses(self._folder / POSES)
-        for stamp in self._stamps:
-            if stamp not in poses:
-                expected = f"a row with timestamp_ns {stamp}"
-                raise MissingError(self._folder / POSES, "pose", "missing", expected)
-        every = np.array(sorted(poses), dtype=np.int64)
-        return LogPoses({stamp: poses[stamp] for stamp in self._stamps}, every)
 
     @cached_property
     def _origin_m(self) -> F64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,8 +30,10 @@ from mottrack.formats.checks import (
     check_rotations,
     check_sizes,
     check_upright,
+    check_world_places,
 )
 from mottrack.formats.columns import Columns, ColumnSpec, specs
+from mottrack.formats.faults import MissingError
 from mottrack.formats.feather import read_feather_columns
 from mottrack.formats.rigid import quaternion_pose, quaternion_yaws
 
@@ -53,20 +55,27 @@ _POINT = (
 )
 
 
-def read_poses(path: Path) -> dict[int, Pose]:
-    """Return `world_T_ego` by time in nanoseconds; the world is Argoverse's city frame.
+def read_poses(path: Path, stamps_ns: Sequence[int]) -> LogPoses:
+    """Return `world_T_ego` at these times, ascending; the world is Argoverse's city frame.
 
     Raises:
-        DataError: damaged file, a stamp twice, a place far from Earth, or a quaternion that is not
-            a unit one.
+        DataError: damaged file, no pose at one of the times, a stamp twice, a place far from
+            Earth, or a quaternion that is not a unit one.
     """
     table = read_feather_columns(path, (_STAMP, *_POSE))
     table.refuse_repeated("timestamp_ns", table["timestamp_ns"], "each stamp once")
-    rotation, place = table.stacked(ROTATION), table.stacked(TRANSLATION)
-    return {
-        int(stamp): quaternion_pose(rotation[i], place[i], path, f"pose of row {i}")
-        for i, stamp in enumerate(table["timestamp_ns"])
-    }
+    table = table.extended(rotation=table.stacked(ROTATION), place=table.stacked(TRANSLATION))
+    check_world_places(table, "place")
+    check_rotations(table)
+    row_of = {stamp: row for row, stamp in enumerate(table["timestamp_ns"].tolist())}
+    poses = {}
+    for stamp in stamps_ns:
+        if stamp not in row_of:
+            raise MissingError(path, "pose", "missing", f"a row with timestamp_ns {stamp}")
+        row = row_of[stamp]
+        rotation, place = table["rotation"][row], table["place"][row]
+        poses[stamp] = quaternion_pose(rotation, place, path, f"pose of row {row}")
+    return LogPoses(poses, np.sort(table["timestamp_ns"]))
 
 
 def read_lidar_origin(path: Path) -> F64:

@@ -8,6 +8,7 @@ from pathlib import Path
 from mottrack.core import DataError, Frame, Sweep, TruthTable
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.log_files import (
+    is_lost,
     read_boxes_csv,
     read_detections_csv,
     read_poses_csv,
@@ -70,8 +71,8 @@ class FolderScene:
 
     @cached_property
     def has_sweeps(self) -> bool:
-        """Whether every frame has a sweep."""
-        return all(sweep_file(self._folder / "sweeps", stamp).is_file() for stamp in self._stamps)
+        """Whether any frame has a sweep; one that is missing then was lost."""
+        return any(sweep_file(self._folder / "sweeps", stamp).is_file() for stamp in self._stamps)
 
     def __len__(self) -> int:
         return len(self._stamps)
@@ -90,15 +91,19 @@ class FolderScene:
         )
 
     def sweep(self, index: int) -> Sweep:
-        """Return the sweep at `index`.
+        """Return the sweep at `index`; without points if its file is missing or empty.
+
+        Recorders lose single sweeps: `SceneWatch` counts them.
 
         Raises:
-            DataError: the file is missing or damaged.
+            DataError: the file is damaged, or there is no sweep at all.
         """
         stamp_ns = self._stamp_ns(index)
         path = sweep_file(self._folder / "sweeps", stamp_ns)
-        config = self._config
-        read = read_sweep(path, stamp_ns, self._poses[stamp_ns], config.lidar_origin_m)
+        pose, config = self._poses[stamp_ns], self._config
+        if self.has_sweeps and is_lost(path):
+            return Sweep.lost(stamp_ns, pose)
+        read = read_sweep(path, stamp_ns, pose, config.lidar_origin_m)
         return without_own_body(read, config.vehicle)
 
     @property

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core import Frame, Pose, Sweep
+from mottrack.core.concerns import Concern
 from mottrack.datasets.ros.config import RosConfig
 from mottrack.datasets.ros.mcap_file import McapFile, MessageTime
 from mottrack.datasets.ros.messages import ODOMETRY_TYPES, POINT_TYPES, Odometry, point_columns
@@ -38,14 +39,17 @@ class RosLogs:
 
         Raises:
             ConfigError: no log has that name.
-            DataError: the file is damaged, or lacks a topic or a pose.
+            DataError: the file is damaged, lacks a topic, or has odometry for no point cloud.
         """
         require_scene(name, self.scene_names)
         return RosScene(inside(self._config.root, f"{name}.mcap", follow_links=True), self._config)
 
 
 class RosScene:
-    """A frame for each point cloud, at the stamp in its header; no truth, no detections."""
+    """A frame for each point cloud, at the stamp in its header; no truth, no detections.
+
+    Clouds without odometry about them, as before its first message, are left out and counted.
+    """
 
     has_sweeps = True
 
@@ -60,12 +64,20 @@ class RosScene:
             raise OutOfOrderError(path, config.points_topic, "a stamp twice", "each stamp once")
         messages = self._file.messages(config.odometry_topic, ODOMETRY_TYPES)
         odometry = Odometry(messages, path, config.max_gap_s)
-        self._poses = [odometry.at(stamp) for stamp in stamps]
+        covered = odometry.covers(stamps)
+        self._concerns = tuple(odometry.left_out(stamps, covered, config.points_topic))
+        self._times = [time for time, kept in zip(self._times, covered, strict=True) if kept]
+        self._poses = [odometry.at(time.stamp_ns) for time in self._times]
 
     @property
     def name(self) -> str:
         """Name of the file."""
         return self._path.stem
+
+    @property
+    def concerns(self) -> tuple[Concern, ...]:
+        """The point clouds that were left out."""
+        return self._concerns
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -86,7 +98,7 @@ class RosScene:
         return Frame(stamp_ns=stamp_ns, world_T_ego=self._poses[index], token=str(stamp_ns))
 
     def sweep(self, index: int) -> Sweep:
-        """Return the point cloud at `index` in the ego frame.
+        """Return the point cloud at `index` in the ego frame; one may be without points.
 
         Raises:
             DataError: the message is damaged.
@@ -94,6 +106,8 @@ class RosScene:
         time = self._time(index)
         columns = point_columns(self._file.message(self._config.points_topic, time), self._path)
         xyz_m = np.column_stack([columns[axis].astype(np.float64) for axis in "xyz"])
+        if not len(xyz_m):
+            return Sweep.lost(time.stamp_ns, self._poses[index])
         check_points(self._path, xyz_m)
         intensity = columns.get("intensity", np.zeros(len(xyz_m))).astype(np.float32)
         mounting = Pose.from_yaw(self._config.lidar_yaw_rad, self._config.lidar_position_m)

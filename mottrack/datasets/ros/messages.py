@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from mottrack.core import Pose
 from mottrack.core.arrays import F64
+from mottrack.core.concerns import Concern
 from mottrack.core.errors import DataError, InputError
 from mottrack.core.sweep import SECOND_NS
 from mottrack.formats.checks import check_count
@@ -83,6 +85,37 @@ class Odometry:
         self._stamp_ns = np.array([stamp for stamp, _ in rows], dtype=np.int64)
         self._values = np.array([values for _, values in rows]).reshape(-1, 7)
 
+    def covers(self, stamps_ns: Sequence[int]) -> list[bool]:
+        """Return whether there is a pose at each of these stamps.
+
+        Raises:
+            DataError: at none of them.
+        """
+        covered = [self._covers(stamp) for stamp in stamps_ns]
+        if not any(covered):
+            expected = f"messages about {stamps_ns[0]}; {self._span()}"
+            raise MissingError(self._path, "odometry", "missing", expected)
+        return covered
+
+    def left_out(
+        self, stamps_ns: Sequence[int], covered: Sequence[bool], topic: str
+    ) -> Iterator[Concern]:
+        """Yield the point clouds at whose stamps there is no pose, with the spans of both."""
+        lost = [stamp for stamp, there in zip(stamps_ns, covered, strict=True) if not there]
+        if lost:
+            clouds = f"{topic} lasts from {stamps_ns[0]} to {stamps_ns[-1]}"
+            text = f"at {lost[0]}: {clouds}, {self._span()}"
+            yield Concern("point clouds without odometry about them, left out", len(lost), text)
+
+    def _span(self) -> str:
+        return f"odometry from {self._stamp_ns[0]} to {self._stamp_ns[-1]}"
+
+    def _covers(self, stamp_ns: int) -> bool:
+        after = int(np.searchsorted(self._stamp_ns, stamp_ns))
+        if after < len(self._stamp_ns) and self._stamp_ns[after] == stamp_ns:
+            return True
+        return 0 < after < len(self._stamp_ns) and self._gap_ns(after) <= self._max_gap_ns
+
     def at(self, stamp_ns: int) -> Pose:
         """Return `world_T_ego`: positions along the line, headings along the arc between two.
 
@@ -92,7 +125,7 @@ class Odometry:
         after = int(np.searchsorted(self._stamp_ns, stamp_ns))
         if after < len(self._stamp_ns) and self._stamp_ns[after] == stamp_ns:
             return self._pose(self._values[after])
-        if not 0 < after < len(self._stamp_ns) or self._gap_ns(after) > self._max_gap_ns:
+        if not self._covers(stamp_ns):
             raise MissingError(self._path, "odometry", "missing", f"messages about {stamp_ns}")
         share = (stamp_ns - self._stamp_ns[after - 1]) / self._gap_ns(after)
         before, later = self._values[after - 1], self._values[after].copy()
