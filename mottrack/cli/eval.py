@@ -13,6 +13,9 @@ from mottrack.cli.warn import exit_with_warnings, warn_of
 group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+Bootstrap = Annotated[
+    int, typer.Option(min=0, help="Confidence intervals from so many resamples; 0: none.")
+]
 
 
 def register(app: typer.Typer) -> None:
@@ -49,14 +52,16 @@ def nuscenes(  # noqa: PLR0913
         bool, typer.Option("--error-classes", help="Count errors by kind, and what each costs.")
     ] = False,
     hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
+    velocity_error: Annotated[
+        bool, typer.Option("--velocity-error", help="Velocity error of the tracks by category.")
+    ] = False,
 ) -> None:
     """Compute the nuScenes tracking metrics (AMOTA, ...), equal to the devkit's.
 
-    The velocity error of the tracks by category comes with them.
+    Example: mottrack eval nuscenes --dataroot D --submission tracks.json --out out/eval --hota
     """
     from mottrack.eval.nuscenes import command
     from mottrack.eval.nuscenes.rules import Rules
-    from mottrack.pipeline.submission_velocity import velocity_report
 
     rules = Rules(interpolation=interpolation, arithmetic=arithmetic)
     extras = command.Extras(picture, bootstrap, compare, error_classes, hota)
@@ -69,8 +74,11 @@ def nuscenes(  # noqa: PLR0913
 
     for text in command.evaluate(request, extras, out, warn):
         typer.echo(text)
-    for text in velocity_report(request, compare, out):
-        typer.echo(text)
+    if velocity_error:
+        from mottrack.pipeline.submission_velocity import velocity_report
+
+        for text in velocity_report(request, compare, out):
+            typer.echo(text)
     exit_with_warnings(warned)
 
 
@@ -126,3 +134,32 @@ def mot(
     evaluation.write_outputs(out, scores)
     typer.echo(evaluation.format_table(scores))
     exit_with_warnings(concerns)
+
+
+@group.command()
+def argoverse2(  # noqa: PLR0913
+    split: Annotated[Path, typer.Option("--dataroot", help="Folder of the logs, as sensor/val.")],
+    tracks: Annotated[Path, typer.Option(help="Feather file of the tracks of all logs.")],
+    out: Out,
+    max_range_m: Annotated[
+        float, typer.Option("--max-range", min=1.0, help="Metres from the vehicle.")
+    ] = 50.0,
+    objective: Annotated[
+        Literal["hota", "mota"], typer.Option(help="What the shown threshold is best for.")
+    ] = "hota",
+    bootstrap: Bootstrap = 0,
+) -> None:
+    """Compute Argoverse 2's tracking metrics (HOTA, MOTA, AMOTA), equal to its package's.
+
+    Example: mottrack eval argoverse2 --dataroot sensor/val --tracks tracks.feather --out out/eval
+    """
+    from mottrack.eval.argoverse2.files import read_logs
+    from mottrack.eval.argoverse2.metrics import evaluate
+    from mottrack.eval.argoverse2.report import write_outputs
+    from mottrack.eval.argoverse2.rules import Argoverse2Rules
+    from mottrack.formats.text_table import aligned
+
+    rules = Argoverse2Rules(max_range_m=max_range_m)
+    metrics = evaluate(list(read_logs(split, tracks)), rules)
+    table = write_outputs(out, metrics, rules, objective, bootstrap)
+    typer.echo(f"{aligned([[c.name for c in table.columns], *table.texts()])}\n{table.note}")
