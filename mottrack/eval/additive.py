@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.eval import hota
+from mottrack.eval.hota import HotaCounts
+from mottrack.eval.identity import IdentityCounts
 from mottrack.eval.paired import Sampled, sample
 
 
@@ -49,6 +53,29 @@ def weighted(counts: Sequence[Any], weights: I64) -> Any:
     names = [f.name for f in fields(counts[0])]
     stacked = {n: np.array([getattr(c, n) for c in counts], np.float64) for n in names}
     return type(counts[0])(**{n: np.tensordot(weights, v, 1) for n, v in stacked.items()})
+
+
+def hota_metrics(parts: Sequence[HotaCounts]) -> dict[str, AdditiveMetric]:
+    """Return HOTA and its parts, means over alpha, from the counts of every sequence."""
+    return {
+        name: AdditiveMetric((parts,), partial(_hota_part, name))
+        for name in hota.Hota.__dataclass_fields__
+    }
+
+
+def _hota_part(name: str, counts: HotaCounts) -> F64:
+    part: F64 = getattr(hota.hota(counts), name)
+    return np.asarray(part.mean(axis=-1))
+
+
+def identity_metrics(parts: Sequence[IdentityCounts]) -> dict[str, AdditiveMetric]:
+    """Return IDF1, IDP and IDR from the counts of every sequence."""
+    return {name: property_metric(parts, name) for name in ("idf1", "idp", "idr")}
+
+
+def property_metric(parts: Sequence[Any], name: str) -> AdditiveMetric:
+    """Return a metric that is a property of the counts."""
+    return AdditiveMetric((parts,), lambda counts: np.asarray(getattr(counts, name)))
 
 
 def sampled(metrics: dict[str, AdditiveMetric], weights: I64) -> dict[str, Sampled]:

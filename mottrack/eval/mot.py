@@ -20,8 +20,12 @@ from mottrack.eval import clear, hota, identity
 from mottrack.eval.assignment import linear_sum_assignment
 from mottrack.eval.mot_boxes import DISTRACTORS, PEDESTRIAN, MotBoxes, concerns, read_boxes
 from mottrack.eval.pairs import BoxStream, Extended, Pairs, find_pairs, iou_gate, overlap
+from mottrack.formats.strict_json import strict
 from mottrack.formats.text_table import aligned
 from mottrack.geometry.rectangles import rectangle_iou, rectangle_iou_of_pairs
+
+_RATES = ("mota", "motp", "recall", "precision")
+"""Properties of the CLEAR counts that are ratios of sums."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +131,38 @@ def together(scores: Sequence[MotScores]) -> MotScores:
     )
 
 
-def write_outputs(folder: Path, scores: dict[str, MotScores]) -> None:
-    """Write mot.json: the metrics of every sequence and HOTA over alpha."""
+def intervals(scores: Sequence[MotScores], resamples: int) -> dict[str, list[float]]:
+    """Return the ends of the 95 % interval of each metric over sequences, NaN for one sequence."""
+    from mottrack.eval.additive import hota_metrics, identity_metrics, property_metric, sampled
+    from mottrack.eval.paired import draw
+
+    counts = [s.clear for s in scores]
+    metrics = {name: property_metric(counts, name) for name in _RATES}
+    metrics |= identity_metrics([s.identity for s in scores])
+    metrics |= hota_metrics([s.hota for s in scores])
+    found = sampled(metrics, draw(len(scores), resamples))
+    return {name: list(metric.interval()) for name, metric in found.items()}
+
+
+def write_outputs(
+    folder: Path, scores: dict[str, MotScores], ends: dict[str, list[float]] | None = None
+) -> None:
+    """Write mot.json: the metrics of every sequence and HOTA over alpha; intervals of all."""
     content = {name: {**s.as_dict(), "alphas": s.alphas()} for name, s in scores.items()}
+    if ends:
+        content["all"]["intervals"] = strict(ends)
     write_text(folder / "mot.json", json.dumps(content, indent=2))
+
+
+def format_intervals(score: MotScores, ends: dict[str, list[float]]) -> str:
+    """Return a line per metric of all sequences together."""
+    row = score.as_dict()
+    if all(np.isnan(low) for low, _ in ends.values()):
+        return "only one sequence: no confidence interval"
+    lines = [["metric", "all", "95 % interval over sequences"]]
+    for name, (low, high) in ends.items():
+        lines.append([name, f"{row[name]:.4f}", f"[{low:.4f}, {high:.4f}]"])
+    return aligned(lines)
 
 
 def format_table(scores: dict[str, MotScores]) -> str:

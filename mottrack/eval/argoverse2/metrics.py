@@ -133,7 +133,7 @@ def score_thresholds(scores: F64, truth: int, rules: Argoverse2Rules) -> F64:
         rules: say how many levels.
 
     >>> score_thresholds(np.array([0.9, 0.8, 0.6]), 4, Argoverse2Rules(levels=3)).round(2).tolist()
-    [0.0, 0.78, 0.9]
+    [0.0, 0.76, 0.9]
     """
     recalls = np.linspace(rules.min_recall, 1.0, rules.levels).round(12)[::-1]
     if not len(scores):
