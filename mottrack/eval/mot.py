@@ -17,6 +17,7 @@ from mottrack.core.arrays import Mask
 from mottrack.core.concerns import Concern
 from mottrack.core.storage import write_text
 from mottrack.eval import clear, hota, identity
+from mottrack.eval.arithmetic import distinct
 from mottrack.eval.assignment import linear_sum_assignment
 from mottrack.eval.mot_boxes import DISTRACTORS, PEDESTRIAN, MotBoxes, concerns, read_boxes
 from mottrack.eval.pairs import BoxStream, Extended, Pairs, find_pairs, iou_gate, overlap
@@ -94,7 +95,7 @@ def preprocess(truth: MotBoxes, tracks: MotBoxes, min_iou: float) -> tuple[MotBo
 def _on_distractors(truth: MotBoxes, tracks: MotBoxes, distract: Mask, gate: float) -> Mask:
     """(P,) tracks whose best match among all true boxes is a distractor."""
     out = np.zeros(len(tracks), np.bool_)
-    for frame in np.unique(truth.frame[distract]):
+    for frame in distinct(truth.frame[distract]):
         rows, columns = np.flatnonzero(truth.frame == frame), np.flatnonzero(tracks.frame == frame)
         similarity = rectangle_iou(truth.box[rows], tracks.box[columns])
         # as TrackEval: an overlap of the gate itself still matches
@@ -115,7 +116,7 @@ def score_boxes(truth: MotBoxes, tracks: MotBoxes, min_iou: float = 0.5) -> MotS
 
 def image_pairs(truth: MotBoxes, tracks: MotBoxes) -> Pairs:
     """Return all overlapping pairs of a sequence; frames without any box are left out."""
-    listed = np.unique(np.concatenate([truth.frame, tracks.frame]))
+    listed = distinct(np.concatenate([truth.frame, tracks.frame]))
     first, second = (BoxStream(np.searchsorted(listed, s.frame), s.id) for s in (truth, tracks))
     true, said = (Extended(side.box, side.box[:, [0, 2]]) for side in (truth, tracks))
     measure = overlap(rectangle_iou, true, said, rectangle_iou_of_pairs)
