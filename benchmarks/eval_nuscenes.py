@@ -11,7 +11,6 @@ devkit lives in an environment of its own (`make oracle`); without it only our s
 import argparse
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -47,18 +46,18 @@ def timed(command: list[str], cache: Path) -> dict[str, Any]:
     """Runs a process; wall and CPU seconds and peak memory of it alone."""
     threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
     places = {"MOTTRACK_CACHE": str(cache), "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(ROOT)}
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     began = time.perf_counter()
     child = subprocess.Popen(
         command, env=os.environ | threads | places, stdout=subprocess.PIPE, text=True
     )
-    output = child.communicate()[0]
+    output = child.stdout.read()
+    # of this child: what `getrusage` tells is the largest of all that there were
+    _, status, used = os.wait4(child.pid, 0)
     wall = time.perf_counter() - began
-    if child.returncode:
-        raise SystemExit(f"{command[:3]} failed with {child.returncode}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"wall_s": wall, "cpu_s": cpu, "peak_mb": after.ru_maxrss / 1024, "output": output}
+    if status:
+        raise SystemExit(f"{command[:3]} failed with {status}")
+    cpu = used.ru_utime + used.ru_stime
+    return {"wall_s": wall, "cpu_s": cpu, "peak_mb": used.ru_maxrss / 1024, "output": output}
 
 
 def _written(data: Path, scenes: int) -> int:
