@@ -17,10 +17,10 @@ from mottrack.core import SceneResult
 from mottrack.eval.argoverse2 import boxes as argoverse2
 from mottrack.eval.argoverse2.metrics import evaluate as evaluate_argoverse2
 from mottrack.eval.argoverse2.rules import CATEGORIES
+from mottrack.eval.evaluation import score
 from mottrack.eval.metric_info import FLOW, PROTOCOLS, TRACKING, VELOCITY
 from mottrack.eval.nuscenes.metrics import evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
-from mottrack.eval.scores import score
 from mottrack.eval.waymo import boxes as waymo
 from mottrack.eval.waymo.metrics import evaluate as evaluate_waymo
 from mottrack.experiment.experiment import Experiment, load_experiments
