@@ -137,8 +137,10 @@ def read_mot(root: Path) -> Read:
 
 def read_kitti(root: Path) -> Read:
     folders = Folders(root / "eval_kitti/labels", root / "eval_kitti/tracks", ("0000",))
-    metrics, concerns = evaluate_folders(folders, KittiRules())
-    return Read([metrics.as_dict()["amota"], metrics.as_dict()["fp"]], list(concerns))
+    found = evaluate_folders(folders, KittiRules())
+    row = found.metrics.as_dict()
+    figures = [row["amota"], row["fp"], *found.identity["all tracks"].as_dict().values()]
+    return Read(figures, list(found.concerns))
 
 
 def read_submission(root: Path) -> Read:
