@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mottrack.core.errors import ConfigError
-from mottrack.experiment.yaml_file import parse_scalar
+from mottrack.formats.yaml_file import parse_scalar
 
 GROUPS = ("dataset", "objects", "flow", "tracker")
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,6 +68,11 @@ def never(_data: bytes) -> bool:
     return False
 
 
+def always(_data: bytes) -> bool:
+    """Of a text whose end says nothing that is needed."""
+    return True
+
+
 def after_points(row_bytes: int) -> Callable[[bytes], bool]:
     return lambda data: len(data) > 0 and len(data) % row_bytes == 0
 
@@ -88,11 +94,13 @@ def dataset_of(kind: str) -> Callable[[Path], Dataset]:
     return lambda root: open_dataset(kind, root / kind)
 
 
-def read_scene(kind: str, *, sweeps: bool = False) -> Callable[[Path], Read]:
+def read_scene(
+    kind: str, *, sweeps: bool = False, folder: str = "", **settings: object
+) -> Callable[[Path], Read]:
     """Poses, boxes and labels of the first scene, its sweeps only on request."""
 
     def read(root: Path) -> Read:
-        dataset = open_dataset(kind, root / kind)
+        dataset = open_dataset(kind, root / (folder or kind), **settings)
         scene = dataset.scene(dataset.scene_names[0])
         watch = SceneWatch(scene)
         values: Values = [scene.has_sweeps]
@@ -109,6 +117,10 @@ def read_scene(kind: str, *, sweeps: bool = False) -> Callable[[Path], Read]:
         return Read(values, list(watch.concerns()))
 
     return read
+
+
+def bag_reader(folder: str) -> Callable[[Path], Read]:
+    return read_scene("ros", sweeps=True, folder=folder, detections_topic="/detections")
 
 
 def read_ground(root: Path) -> Read:
@@ -164,6 +176,7 @@ def write_all(root: Path) -> None:
 def _write_own_logs(root: Path) -> None:
     from tests.datasets import ros_log
     from tests.datasets.makers import embedded_scenes
+    from tests.datasets.ros import bags
 
     scene = embedded_scenes()[0]
     write_own_log(root / "folder/log", scene)
@@ -176,6 +189,9 @@ def _write_own_logs(root: Path) -> None:
     clouds = {s.stamp_ns: ros_log.structured(s.xyz_m, 255.0 * s.reflectance) for s in sweeps}
     poses = {frame.stamp_ns: frame.world_T_ego for frame in frames}
     ros_log.write_log(root / "ros/log.mcap", clouds, poses)
+    bags.write_bag(root / "bags/drive", bags.drive(), "sqlite")
+    bags.write_ros1(root / "ros1/drive.bag", bags.drive())
+    shutil.rmtree(root / "ros1/drive")
 
 
 def _write_ground(folder: Path) -> None:
@@ -309,6 +325,9 @@ TARGETS: dict[str, Target] = {
         common(never) | npz_damages(),
     ),
     "ros log": Target("ros/log.mcap", read_scene("ros", sweeps=True), common(never)),
+    "ros 1 bag": Target("ros1/drive.bag", bag_reader("ros1"), common(never)),
+    "ros sqlite bag": Target("bags/drive/drive.db3", bag_reader("bags"), common(never)),
+    "ros metadata": Target("bags/drive/metadata.yaml", bag_reader("bags"), common(always)),
     "nuscenes scene": table("scene", token="token", name="reference", nbr_samples="count"),
     "nuscenes sample": table("sample", **LINKED, timestamp="time", scene_token="token"),
     "nuscenes sample_data": table(
