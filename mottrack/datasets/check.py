@@ -21,6 +21,8 @@ from mottrack.datasets.plausibility.watch import SceneWatch
 from mottrack.formats.faults import MissingError, kind_of
 
 LAYOUTS = {
+    "t4": tuple(f"{below}annotation/sample_data.json" for below in ("", "*/", "*/*/")),
+    "truckscenes": ("samples/LIDAR_LEFT",),
     "nuscenes": ("v1.0-*",),
     "kitti": ("*/label_02",),
     "argoverse2": ("*/*/city_SE3_egovehicle.feather",),

@@ -49,6 +49,14 @@ FORMATS = {
         "detections/synthetic.json",
         ("v1.0-trainval", "v1.0-mini"),
     ),
+    "t4": Format("mottrack.datasets.nuscenes.write:write_t4", 10, 10, "detections/synthetic.json"),
+    "truckscenes": Format(
+        "mottrack.datasets.nuscenes.write:write_truckscenes",
+        10,
+        2,
+        "detections/synthetic.json",
+        ("v1.0-trainval", "v1.0-mini"),
+    ),
     "kitti": Format("mottrack.datasets.kitti.write:write_kitti", 10, 10, "detections/pointrcnn"),
     "argoverse2": Format(
         "mottrack.datasets.argoverse2.write:write_argoverse2", 10, 10, "detections.feather"

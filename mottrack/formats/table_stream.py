@@ -165,7 +165,11 @@ def records_with(
     def thin(text: bytes) -> Thinned:
         *pieces, tail = text.split(b"}")
         found = find(text)
-        if len(found) != len(pieces) or not (known is None or known.issuperset(found)):
+        if (
+            not pieces
+            or len(found) != len(pieces)
+            or not (known is None or known.issuperset(found))
+        ):
             return whole(text)
         kept = [p.lstrip(b"[, \r\n\t") for p, v in zip(pieces, found, strict=True) if v in values]
         thinned = b"[" + b"},".join(kept) + (b"}" if kept else b"") + tail

@@ -117,8 +117,15 @@ def write_ros(root: Path) -> None:
         ros_log.write_log(root / f"{scene.name}.mcap", clouds, poses)
 
 
+def escape_from_t4(root: Path) -> Settings:
+    return escaped(sorted(root.glob("*/annotation/sample_data.json"))[0])
+
+
 def escape_from_nuscenes(root: Path) -> Settings:
-    path = root / "v1.0-trainval/sample_data.json"
+    return escaped(root / "v1.0-trainval/sample_data.json")
+
+
+def escaped(path: Path) -> Settings:
     rows = json.loads(path.read_text())
     for record in rows:
         record["filename"] = f"../{record['filename']}"
@@ -147,5 +154,17 @@ MAKERS: dict[str, Maker] = {
         escape_from_nuscenes,
     ),
     "ros": Maker(write_ros, {}, "*.mcap"),
+    "t4": Maker(
+        format_writer("t4"),
+        {"detections": FORMATS["t4"].detections},
+        "*/data/LIDAR_CONCAT/*.pcd.bin",
+        escape_from_t4,
+    ),
+    "truckscenes": Maker(
+        format_writer("truckscenes"),
+        {"split": "val", "detections": FORMATS["truckscenes"].detections},
+        "samples/LIDAR_LEFT/*.pcd",
+        escape_from_nuscenes,
+    ),
     "synthetic": Maker(settings={"scenes": SCENES, "seed": SEED, "duration_s": DURATION_S}),
 }

@@ -162,7 +162,7 @@ def write_all(root: Path) -> None:
     from mottrack.datasets.synthetic import SyntheticConfig
     from mottrack.datasets.writers import write_synthetic
 
-    for kind, duration_s in (("kitti", 0.3), ("nuscenes", 0.55), ("argoverse2", 0.3)):
+    for kind, duration_s in KINDS:
         world = SyntheticConfig(scenes=1, seed=SEED, duration_s=duration_s)
         write_synthetic(root / kind, kind, world)
     _write_own_logs(root)
@@ -171,6 +171,16 @@ def write_all(root: Path) -> None:
     _write_eval_kitti(root)
     _write_submission(root)
     _write_result(root / "result.npz")
+
+
+KINDS = (
+    ("kitti", 0.3),
+    ("nuscenes", 0.55),
+    ("argoverse2", 0.3),
+    ("t4", 0.3),
+    ("truckscenes", 0.55),
+)
+"""Formats that are written, and the shortest scene of each that holds two key frames."""
 
 
 def _write_own_logs(root: Path) -> None:
@@ -328,6 +338,24 @@ TARGETS: dict[str, Target] = {
     "ros 1 bag": Target("ros1/drive.bag", bag_reader("ros1"), common(never)),
     "ros sqlite bag": Target("bags/drive/drive.db3", bag_reader("bags"), common(never)),
     "ros metadata": Target("bags/drive/metadata.yaml", bag_reader("bags"), common(always)),
+    "t4 sweep": Target(
+        "t4/*/data/LIDAR_CONCAT/*.pcd.bin",
+        read_scene("t4", sweeps=True),
+        common(after_points(20)) | Floats(5).damages(),
+    ),
+    "t4 sample_data": Target(
+        "t4/*/annotation/sample_data.json",
+        read_scene("t4"),
+        common(never)
+        | Records(
+            {**LINKED, "timestamp": "time", "is_key_frame": "flag", "filename": "file"}, True
+        ).damages(),
+    ),
+    "truckscenes sweep": Target(
+        "truckscenes/samples/LIDAR_TOP_LEFT/*.pcd",
+        read_scene("truckscenes", sweeps=True),
+        common(never),
+    ),
     "nuscenes scene": table("scene", token="token", name="reference", nbr_samples="count"),
     "nuscenes sample": table("sample", **LINKED, timestamp="time", scene_token="token"),
     "nuscenes sample_data": table(

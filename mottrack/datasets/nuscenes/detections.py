@@ -23,7 +23,7 @@ from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import read_arrays, write_arrays
-from mottrack.datasets.nuscenes.config import DETECTION_NAMES
+from mottrack.datasets.nuscenes.dialect import NUSCENES, Dialect
 from mottrack.datasets.scene_boxes import DetectionTable
 from mottrack.formats.cache import cache_key, is_large
 from mottrack.formats.checks import (
@@ -35,7 +35,6 @@ from mottrack.formats.checks import (
 from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.faults import MissingError, TruncatedError
 from mottrack.formats.files import present
-from mottrack.formats.nuscenes_classes import CLASSES
 from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, json_arrays
 from mottrack.formats.rigid import quaternion_yaws
 from mottrack.formats.table_stream import Row, opened
@@ -66,8 +65,10 @@ _END_BYTES = 256
 class DetectionFile:
     """The boxes of each sample of a detection file."""
 
-    def __init__(self, path: Path, cache_dir: Path | None = None) -> None:
-        self._path, self._cache_dir = path, cache_dir
+    def __init__(
+        self, path: Path, cache_dir: Path | None = None, dialect: Dialect = NUSCENES
+    ) -> None:
+        self._path, self._cache_dir, self._dialect = path, cache_dir, dialect
 
     @property
     def path(self) -> Path:
@@ -102,7 +103,7 @@ class DetectionFile:
     def _boxes(self, frame: int, token: str) -> DetectionTable:
         rows = self._rows(token)
         found = self._columns(token, rows)
-        tracked = np.isin(found["detection_name"], _encoded(CLASSES))
+        tracked = np.isin(found["detection_name"], _encoded(self._dialect.classes))
         table = DetectionTable(
             frame=np.full(len(rows), frame),
             label=found["detection_name"].astype(np.str_),
@@ -138,8 +139,9 @@ class DetectionFile:
         check_world_places(found)
         check_rotations(found, tolerance=QUATERNION_TOLERANCE)
         check_upright(found)
-        known = np.isin(found["detection_name"], _encoded(DETECTION_NAMES))
-        found.refuse("detection_name", ~known, f"one of {', '.join(DETECTION_NAMES)}")
+        names = self._dialect.detection_names
+        known = np.isin(found["detection_name"], _encoded(names))
+        found.refuse("detection_name", ~known, f"one of {', '.join(names)}")
         return found
 
 
