@@ -6,7 +6,20 @@ import sys
 
 import typer
 
-from mottrack.cli import data, eval, machines, noise, paper, report, run, stress, train, tune, view
+from mottrack.cli import (
+    convert,
+    data,
+    eval,
+    machines,
+    noise,
+    paper,
+    report,
+    run,
+    stress,
+    train,
+    tune,
+    view,
+)
 from mottrack.cli.arguments import EXIT_USER_ERROR
 
 app = typer.Typer(
@@ -17,7 +30,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help starts in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (run, machines, report, paper, view, eval, data, train, noise, stress, tune):
+for group in (run, machines, report, paper, view, eval, data, convert, train, noise, stress, tune):
     group.register(app)
 
 

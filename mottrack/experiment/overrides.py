@@ -43,6 +43,21 @@ def parse_override(text: str) -> tuple[str, list[Any]]:
     return key, [parse_scalar(p.strip()) for p in parts]
 
 
+def data_settings(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of one data set, `dataset.` before a key or not.
+
+    Raises:
+        ConfigError: an override has several values, or is none.
+    """
+    settings = {}
+    for override in overrides:
+        key, values = parse_override(override)
+        if len(values) != 1:
+            raise ConfigError(f"override '{override}' has several values, expected one")
+        settings[key.removeprefix("dataset.")] = values[0]
+    return settings
+
+
 def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[Variant]:
     """Return all combinations of a sweep.
 

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from mcap.writer import Writer
 
-from mottrack.core.storage import write_bytes
+from mottrack.core.storage import atomic_file
 from mottrack.datasets.ros.message_types import type_store
 
 
 class McapWriter:
-    """Collects messages in memory, compressed block by block, and writes the file at the end."""
+    """Writes messages with the definitions of their types, which viewers need."""
 
-    def __init__(self) -> None:
-        self._buffer = io.BytesIO()
-        self._writer = Writer(self._buffer)
-        self._writer.start(profile="ros2", library="mottrack")
+    def __init__(self, writer: Writer) -> None:
+        self._writer = writer
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 
@@ -30,13 +29,22 @@ class McapWriter:
         data = bytes(type_store().serialize_cdr(message, kind))
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
 
-    def save(self, path: Path) -> None:
-        """Finish the log and write it atomically; nothing can be added afterwards."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
-        write_bytes(path, self._buffer.getvalue())
-
     def _schema(self, kind: str) -> int:
         if kind not in self._schemas:
             text = type_store().generate_msgdef(kind, ros_version=2)[0]
             self._schemas[kind] = self._writer.register_schema(kind, "ros2msg", text.encode())
         return self._schemas[kind]
+
+
+@contextmanager
+def new_mcap(path: Path) -> Iterator[McapWriter]:
+    """Open a log to be written; the file takes its name when all is written.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic_file(path) as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="mottrack")
+        yield McapWriter(writer)
+        writer.finish()  # type: ignore[no-untyped-call]

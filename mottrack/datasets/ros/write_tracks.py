@@ -10,7 +10,7 @@ from mottrack.core import Pose, SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import TrackTable
 from mottrack.datasets.ros.markers import flow_markers, track_markers
-from mottrack.datasets.ros.mcap_writer import McapWriter
+from mottrack.datasets.ros.mcap_writer import McapWriter, new_mcap
 from mottrack.datasets.ros.new_messages import (
     box_of,
     detection,
@@ -56,19 +56,18 @@ def write_tracks_mcap(
         ImportError: the extra `ros` is not installed.
         OSError: the file cannot be written.
     """
-    log = McapWriter()
     kept = {snapshot.frame: snapshot for snapshot in snapshots}
-    for frame, stamp_ns in enumerate(result.frames.stamp_ns.tolist()):
-        world_T_ego = Pose.from_matrix(result.frames.world_T_ego[frame])
-        log.add(TF, stamp_ns, transform(stamp_ns, names.world, names.ego, world_T_ego))
-        tracks = result.tracks.select(result.tracks.frame == frame)
-        log.add(MARKERS, stamp_ns, track_markers(stamp_ns, names.world, tracks))
-        stamped = header(stamp_ns, names.world)
-        boxes = [_detection(stamped, tracks, row) for row in range(len(tracks))]
-        log.add(BOXES, stamp_ns, new("vision_msgs/Detection3DArray", stamped, boxes))
-        if frame in kept:
-            _add_snapshot(log, stamp_ns, names.ego, kept[frame])
-    log.save(path)
+    with new_mcap(path) as log:
+        for frame, stamp_ns in enumerate(result.frames.stamp_ns.tolist()):
+            world_T_ego = Pose.from_matrix(result.frames.world_T_ego[frame])
+            log.add(TF, stamp_ns, transform(stamp_ns, names.world, names.ego, world_T_ego))
+            tracks = result.tracks.select(result.tracks.frame == frame)
+            log.add(MARKERS, stamp_ns, track_markers(stamp_ns, names.world, tracks))
+            stamped = header(stamp_ns, names.world)
+            boxes = [_detection(stamped, tracks, row) for row in range(len(tracks))]
+            log.add(BOXES, stamp_ns, new("vision_msgs/Detection3DArray", stamped, boxes))
+            if frame in kept:
+                _add_snapshot(log, stamp_ns, names.ego, kept[frame])
     return len(result.tracks)
 
 
