@@ -24,6 +24,10 @@ DATASETS: dict[str, TableEntry] = {
         "mottrack.datasets.nuscenes.dataset:NuScenes",
         "The scenes of one version and split, without the devkit.",
     ),
+    "py123d": TableEntry(
+        "mottrack.datasets.py123d.dataset:Py123d",
+        "The logs of a folder in 123D's Arrow format, whatever data set they come from.",
+    ),
     "ros": TableEntry(
         "mottrack.datasets.ros.dataset:RosLogs",
         "The logs of a folder, ROS 2 or ROS 1, a scene each: PointCloud2, Odometry or tf, boxes.",

@@ -27,6 +27,7 @@ LAYOUTS = {
     "kitti": ("*/label_02",),
     "argoverse2": ("*/*/city_SE3_egovehicle.feather",),
     "folder": ("*/poses.csv",),
+    "py123d": tuple(f"{below}sync.arrow" for below in ("*/", "*/*/")),
     "ros": ("*.mcap", "*.bag", "*.db3", "metadata.yaml", "*/metadata.yaml"),
 }
 """Names that only a data set of this kind has."""

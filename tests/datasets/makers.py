@@ -19,6 +19,7 @@ from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.experiment.plugins import load_part
 from mottrack.formats.rigid import quaternion_wxyz
 from tests.datasets import ros_log
+from tests.datasets.py123d.log_writer import write_logs
 
 SEED = 5
 DURATION_S = 0.55
@@ -117,6 +118,11 @@ def write_ros(root: Path) -> None:
         ros_log.write_log(root / f"{scene.name}.mcap", clouds, poses)
 
 
+def write_py123d(root: Path) -> None:
+    pytest.importorskip("py123d", reason="needs the extra: pip install mottrack[py123d]")
+    write_logs(root, embedded_scenes())
+
+
 def escape_from_t4(root: Path) -> Settings:
     return escaped(sorted(root.glob("*/annotation/sample_data.json"))[0])
 
@@ -152,6 +158,9 @@ MAKERS: dict[str, Maker] = {
         {"split": "val", "rate_hz": 20, "detections": FORMATS["nuscenes"].detections},
         "samples/LIDAR_TOP/*.pcd.bin",
         escape_from_nuscenes,
+    ),
+    "py123d": Maker(
+        write_py123d, {}, "*/*/lidar.lidar_merged.arrow", lambda _: {"split": "../elsewhere"}
     ),
     "ros": Maker(write_ros, {}, "*.mcap"),
     "t4": Maker(
