@@ -151,6 +151,9 @@ def _compare_frames(tally: _Tally, both: _Both, first: _Both, world: Pose) -> No
     tally.of["stamps: counted from another start"] += 1
     moved = _difference(world @ before.world_T_ego, after.world_T_ego)
     tally.moved("poses moved", moved, STILL_M)
+    view = before.labelled_azimuth_rad
+    other_view = view is not None and view != after.labelled_azimuth_rad
+    tally.add("views within which objects are labelled", int(other_view), 1)
     tally.add("key frames", int(before.is_key and not after.is_key), int(before.is_key))
     tally.add(
         "frames without labels that have empty ones",

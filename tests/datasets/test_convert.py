@@ -138,6 +138,14 @@ def test_the_command(converted, tmp_path):
     assert "1 scenes in kitti format" in run.output
 
 
+def test_a_view_that_bounds_the_labels_is_told(converted):
+    """KITTI labels what its camera sees: elsewhere a track is no error, which others can't say."""
+    kitti = opener({"kind": "kitti", "root": str(converted("kitti")[0])}).scene("0000")
+    folder = opener({"kind": "folder", "root": str(converted("folder")[0])})
+    lost = {loss.what for loss in scene_losses(kitti, folder.scene(folder.scene_names[0]))}
+    assert "views within which objects are labelled" in lost
+
+
 def test_refusals(world, tmp_path):
     with pytest.raises(ConfigError, match=r"unknown format 'kiti' .did you mean 'kitti'"):
         list(convert(world, Target(tmp_path / "a", "kiti"), opener))

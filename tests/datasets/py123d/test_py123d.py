@@ -105,5 +105,7 @@ def test_a_log_that_names_a_foreign_module_is_refused(root, tmp_path):
     table = table.replace_schema_metadata({b"metadata": metadata})
     with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_file(sink, table.schema) as writer:
         writer.write_table(table)
-    with pytest.raises(DataError, match="is antigravity.Labels, expected a list of labels of py12"):
+    with pytest.raises(
+        DataError, match=r"is antigravity.Labels, expected a list of labels of py12"
+    ):
         Py123d(Py123dConfig(root=tmp_path / "copy")).scene(folder.name)
