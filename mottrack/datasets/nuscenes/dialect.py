@@ -37,7 +37,7 @@ class Dialect:
 
 NUSCENES = Dialect(
     LIDAR_TOP,
-    20,
+    20,  # LIDAR_TOP turns twenty times a second
     CLASSES,
     CLASS_OF_CATEGORY,
     (*CLASSES, "barrier", "construction_vehicle", "traffic_cone"),
@@ -85,7 +85,7 @@ _T4_DOTTED = {
 """The same with a group before the dot, as T4 wrote them before."""
 T4 = Dialect(
     Channels(("LIDAR_CONCAT", "LIDAR_TOP")),
-    10,
+    10,  # Autoware joins its LiDARs ten times a second
     CLASSES,
     {**CLASS_OF_CATEGORY, **_T4_DOTTED, **_T4_PLAIN},
     (*CLASSES, "unknown", "animal", "hazard", "over_drivable", "under_drivable"),
@@ -115,7 +115,7 @@ TRUCKSCENES = Dialect(
             "LIDAR_REAR",
         ),
     ),
-    10,
+    10,  # each LiDAR turns ten times a second
     TRUCKSCENES_CLASSES,
     {
         **CLASS_OF_CATEGORY,

@@ -43,6 +43,14 @@ class MessageBox(NamedTuple):
     velocity_mps: Sequence[float]
 
 
+class _Row(NamedTuple):
+    """A box, the frame that it belongs to, and the stamp of its message."""
+
+    frame: int
+    stamp_ns: int
+    box: MessageBox
+
+
 class MessageBoxes(NamedTuple):
     """N boxes of a log in the world, sorted by frame.
 
@@ -126,7 +134,7 @@ class BoxReader:
             DataError: a frame that tf does not place, or a value out of range.
         """
         seen: dict[int, int] = {}
-        rows: list[tuple[int, int, MessageBox]] = []
+        rows: list[_Row] = []
         poses: list[F64] = []
         for message in messages:
             stamp_ns = stamp_of(message.header)
@@ -139,19 +147,19 @@ class BoxReader:
                 raise DataError(self._path, f"boxes of frame {frame}", stamps, expected)
             seen[frame] = stamp_ns
             boxes = boxes_of(message)
-            rows += [(frame, stamp_ns, box) for box in boxes]
+            rows += [_Row(frame, stamp_ns, box) for box in boxes]
             poses.append(self._in_world(message, stamp_ns, boxes))
         table = self._checked(rows, np.concatenate([np.zeros((0, 7)), *poses]))
         order = np.argsort(table["frame"], kind="stable")
-        labels = [class_map.get(box.label, box.label.lower()) for _, _, box in rows]
-        names = [box.identity for _, _, box in rows]
+        labels = [class_map.get(row.box.label, row.box.label.lower()) for row in rows]
+        names = [row.box.identity for row in rows]
         return MessageBoxes(
             table["frame"][order],
             np.array(labels, dtype=np.str_)[order],
             table["score"][order],
             table["size"][order],
             np.hstack([table["rotation"], table["translation"]])[order],
-            np.array([box.velocity_mps for _, _, box in rows]).reshape(-1, 2)[order],
+            np.array([row.box.velocity_mps for row in rows]).reshape(-1, 2)[order],
             np.array(names, dtype=np.str_)[order],
             tuple(sorted(seen)),
             len(messages) - len(seen),
@@ -169,18 +177,18 @@ class BoxReader:
         moved = [*quaternion_wxyz(world_T_frame.rotation), *world_T_frame.translation_m]
         return composed(np.tile(moved, (len(own), 1)), own)
 
-    def _checked(self, rows: Sequence[tuple[int, int, MessageBox]], poses: F64) -> Columns:
-        sizes = np.array([box.size_m for _, _, box in rows], dtype=np.float64).reshape(-1, 3)
+    def _checked(self, rows: Sequence[_Row], poses: F64) -> Columns:
+        sizes = np.array([row.box.size_m for row in rows], dtype=np.float64).reshape(-1, 3)
         table = Columns(
             self._path,
             {
-                "frame": np.array([frame for frame, _, _ in rows], dtype=np.int64),
-                "score": np.array([box.score for _, _, box in rows], dtype=np.float64),
+                "frame": np.array([row.frame for row in rows], dtype=np.int64),
+                "score": np.array([row.box.score for row in rows], dtype=np.float64),
                 "size": sizes,
                 "rotation": poses[:, :4],
                 "translation": poses[:, 4:],
             },
-            np.array([stamp for _, stamp, _ in rows], dtype=np.int64),
+            np.array([row.stamp_ns for row in rows], dtype=np.int64),
             lambda name, stamp: f"{name} of a box at {stamp}",
         )
         for name in ("score", "size", "rotation", "translation"):

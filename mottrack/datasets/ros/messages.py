@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import DataError
 from mottrack.core.sweep import SECOND_NS
-from mottrack.datasets.ros.trajectory import StampedPoses
+from mottrack.datasets.ros.trajectory import StampedPose, StampedPoses
 from mottrack.datasets.ros.transforms import stamp_of
 from mottrack.formats.checks import check_count
 
@@ -107,7 +107,7 @@ def time_offsets_ns(columns: dict[str, NDArray[Any]], stamp_ns: int) -> I64 | No
 
 def odometry_poses(messages: list[Any]) -> StampedPoses:
     """Return the poses of Odometry, PoseStamped or PoseWithCovarianceStamped messages."""
-    return StampedPoses.of([(stamp_of(m.header), _pose_values(m)) for m in messages])
+    return StampedPoses.of([StampedPose(stamp_of(m.header), _pose_values(m)) for m in messages])
 
 
 def _pose_values(message: Any) -> list[float]:

@@ -15,6 +15,13 @@ from mottrack.formats.faults import MissingError
 from mottrack.formats.rigid import quaternion_pose
 
 
+class StampedPose(NamedTuple):
+    """One pose: its time, and a quaternion w, x, y, z, then x, y, z in metres."""
+
+    stamp_ns: int
+    values: Sequence[float]
+
+
 class StampedPoses(NamedTuple):
     """M poses: stamp_ns (M,), values (M, 7), a quaternion w, x, y, z, then x, y, z in metres."""
 
@@ -22,10 +29,10 @@ class StampedPoses(NamedTuple):
     values: F64
 
     @classmethod
-    def of(cls, rows: Sequence[tuple[int, Sequence[float]]]) -> StampedPoses:
+    def of(cls, poses: Sequence[StampedPose]) -> StampedPoses:
         """Return the poses sorted by time; of several at one time the first."""
-        stamps = np.array([stamp for stamp, _ in rows], dtype=np.int64)
-        values = np.array([pose for _, pose in rows], dtype=np.float64).reshape(-1, 7)
+        stamps = np.array([pose.stamp_ns for pose in poses], dtype=np.int64)
+        values = np.array([pose.values for pose in poses], dtype=np.float64).reshape(-1, 7)
         unique, first = np.unique(stamps, return_index=True)
         return cls(unique, values[first])
 

@@ -12,7 +12,13 @@ from mottrack.core import Pose
 from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import DataError
 from mottrack.core.sweep import SECOND_NS
-from mottrack.datasets.ros.trajectory import StampedPoses, composed, interpolated, inverted
+from mottrack.datasets.ros.trajectory import (
+    StampedPose,
+    StampedPoses,
+    composed,
+    interpolated,
+    inverted,
+)
 from mottrack.formats.checks import check_rotations, check_world_places
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import MissingError
@@ -43,7 +49,7 @@ class Transforms:
     """The tree of frames of one log."""
 
     def __init__(self, messages: Iterable[Any], path: Path) -> None:
-        rows: dict[str, list[tuple[int, list[float]]]] = {}
+        rows: dict[str, list[StampedPose]] = {}
         parents: dict[str, str] = {}
         for message in messages:
             for one in message.transforms:
@@ -52,7 +58,8 @@ class Transforms:
                 if parents.setdefault(child, parent) != parent:
                     found, expected = f"{parent} and {parents[child]}", "one parent"
                     raise DataError(path, f"parent of tf frame {child}", found, expected)
-                rows.setdefault(child, []).append((stamp_of(one.header), _values(one.transform)))
+                pose = StampedPose(stamp_of(one.header), _values(one.transform))
+                rows.setdefault(child, []).append(pose)
         self._path = path
         self._links = {
             child: Link(parents[child], _checked(StampedPoses.of(found), child, path))
