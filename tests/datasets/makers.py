@@ -18,7 +18,6 @@ from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.experiment.plugins import load_part
 from mottrack.formats.rigid import quaternion_wxyz
-from tests.datasets import ros_log
 from tests.datasets.py123d.log_writer import write_logs
 
 SEED = 5
@@ -110,12 +109,8 @@ def geometry(boxes, index: int) -> list[float]:
 
 
 def write_ros(root: Path) -> None:
-    for scene in embedded_scenes():
-        frames = [scene.frame(i) for i in range(len(scene))]
-        sweeps = [scene.sweep(i) for i in range(len(scene))]
-        clouds = {s.stamp_ns: ros_log.structured(s.xyz_m, 255.0 * s.reflectance) for s in sweeps}
-        poses = {frame.stamp_ns: frame.world_T_ego for frame in frames}
-        ros_log.write_log(root / f"{scene.name}.mcap", clouds, poses)
+    pytest.importorskip("rosbags", reason="needs the extra: pip install mottrack[ros]")
+    format_writer("ros")(root)
 
 
 def write_py123d(root: Path) -> None:
@@ -162,7 +157,7 @@ MAKERS: dict[str, Maker] = {
     "py123d": Maker(
         write_py123d, {}, "*/*/lidar.lidar_merged.arrow", lambda _: {"split": "../elsewhere"}
     ),
-    "ros": Maker(write_ros, {}, "*.mcap"),
+    "ros": Maker(write_ros, {"detections_topic": "/detections", "truth_topic": "/truth"}, "*.mcap"),
     "t4": Maker(
         format_writer("t4"),
         {"detections": FORMATS["t4"].detections},

@@ -6,9 +6,9 @@ from mottrack.lidar.in_boxes import points_in_boxes
 
 # metres that the format's own rounding may move a point, a box, a pose
 POINT_M = {"synthetic": 1e-6, "kitti": 1e-6, "nuscenes": 2e-5, "argoverse2": 0.07}
-POINT_M |= {"t4": 2e-5, "truckscenes": 2e-5}
+POINT_M |= {"t4": 2e-5, "truckscenes": 2e-5, "folder": 0.0, "ros": 2e-5}
 BOX_M = {"synthetic": 1e-9, "kitti": 5e-6, "nuscenes": 1e-9, "argoverse2": 1e-9}
-BOX_M |= {"t4": 1e-9, "truckscenes": 1e-9}
+BOX_M |= {"t4": 1e-9, "truckscenes": 1e-9, "folder": 1e-9, "ros": 1e-9}
 """KITTI writes six digits, Argoverse stores half floats: 6 cm beyond 64 m."""
 
 

@@ -119,8 +119,9 @@ def read_scene(
     return read
 
 
-def bag_reader(folder: str) -> Callable[[Path], Read]:
-    return read_scene("ros", sweeps=True, folder=folder, detections_topic="/detections")
+def bag_reader(folder: str, topic: str | None = "/detections") -> Callable[[Path], Read]:
+    topics = {"detections_topic": topic, "truth_topic": None}
+    return read_scene("ros", sweeps=True, folder=folder, **topics)
 
 
 def read_ground(root: Path) -> Read:
@@ -334,7 +335,7 @@ TARGETS: dict[str, Target] = {
         read_scene("folder", sweeps=True),
         common(never) | npz_damages(),
     ),
-    "ros log": Target("ros/log.mcap", read_scene("ros", sweeps=True), common(never)),
+    "ros log": Target("ros/log.mcap", bag_reader("ros", None), common(never)),
     "ros 1 bag": Target("ros1/drive.bag", bag_reader("ros1"), common(never)),
     "ros sqlite bag": Target("bags/drive/drive.db3", bag_reader("bags"), common(never)),
     "ros metadata": Target("bags/drive/metadata.yaml", bag_reader("bags"), common(always)),
