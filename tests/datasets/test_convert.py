@@ -16,7 +16,7 @@ from mottrack.datasets.losses import scene_losses
 from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 from mottrack.datasets.writers import FORMATS
 from mottrack.experiment.plugins import load_part
-from tests.datasets.makers import DURATION_S, SEED
+from tests.datasets.makers import SEED
 
 COUNTED, ROUNDED = "numbers of points in true boxes", "reflectances rounded"
 NAMES = "labels of true boxes"
@@ -81,7 +81,7 @@ class FastScene:
 
 @pytest.fixture(scope="module")
 def world() -> Dataset:
-    config = SyntheticConfig(scenes=1, seed=SEED, duration_s=DURATION_S, key_hz=10)
+    config = SyntheticConfig(scenes=1, seed=SEED, duration_s=0.35, key_hz=10)
     return WithVelocities(SyntheticDataset(config))
 
 
