@@ -128,25 +128,16 @@ class BoxReader:
         self._match_ns = match_s * SECOND_NS
 
     def read(self, messages: Sequence[Any], class_map: Mapping[str, str]) -> MessageBoxes:
-        """Return the boxes of all messages; those of no frame are counted and left out.
+        """Return the boxes of the message nearest to each frame; other messages are left out.
 
         Raises:
             DataError: a frame that tf does not place, or a value out of range.
         """
-        seen: dict[int, int] = {}
+        seen = self._nearest(messages)
         rows: list[_Row] = []
         poses: list[F64] = []
-        for message in messages:
-            stamp_ns = stamp_of(message.header)
-            frame = int(np.abs(self._stamps_ns - stamp_ns).argmin())
-            if abs(int(self._stamps_ns[frame]) - stamp_ns) > self._match_ns:
-                continue
-            if frame in seen:
-                stamps = f"two messages, {seen[frame]} and {stamp_ns}"
-                expected = "one within dataset.match_s of each cloud"
-                raise DataError(self._path, f"boxes of frame {frame}", stamps, expected)
-            seen[frame] = stamp_ns
-            boxes = boxes_of(message)
+        for frame, message in seen.items():
+            stamp_ns, boxes = stamp_of(message.header), boxes_of(message)
             rows += [_Row(frame, stamp_ns, box) for box in boxes]
             poses.append(self._in_world(message, stamp_ns, boxes))
         table = self._checked(rows, np.concatenate([np.zeros((0, 7)), *poses]))
@@ -164,6 +155,18 @@ class BoxReader:
             tuple(sorted(seen)),
             len(messages) - len(seen),
         )
+
+    def _nearest(self, messages: Sequence[Any]) -> dict[int, Any]:
+        """Return the message nearest to each frame, by frame, where one is near enough."""
+        found: dict[int, Any] = {}
+        apart_of: dict[int, int] = {}
+        for message in messages:
+            stamp_ns = stamp_of(message.header)
+            frame = int(np.abs(self._stamps_ns - stamp_ns).argmin())
+            apart = abs(int(self._stamps_ns[frame]) - stamp_ns)
+            if apart <= min(self._match_ns, apart_of.get(frame, apart + 1) - 1):
+                found[frame], apart_of[frame] = message, apart
+        return found
 
     def _in_world(self, message: Any, stamp_ns: int, boxes: Sequence[MessageBox]) -> F64:
         """Return the poses (N, 7) of a message's boxes in the world."""

@@ -124,7 +124,7 @@ class RosScene:
         found = [] if self._clouds is None else self._clouds.concerns()
         for what, boxes in (("detections", self._detected), ("labels", self._labelled)):
             if boxes is not None and boxes.unmatched and not self._expected(boxes):
-                text = f"more than {self._config.match_s:g} s from every frame"
+                text = f"others are nearer, or no frame is within {self._config.match_s:g} s"
                 found.append(Concern(f"messages of {what} left out", boxes.unmatched, text))
         return tuple(found)
 

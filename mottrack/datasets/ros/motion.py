@@ -55,7 +55,9 @@ class Motion:
             return Pose.identity()
         if not self.knows(frame):
             raise KeyError(frame)
-        world_T_ego = self.trajectory.at(stamp_ns)
+        # a message may be a little later than the last cloud, and than the last pose
+        path = self.trajectory
+        world_T_ego = path.at(min(max(stamp_ns, path.first_ns), path.last_ns))
         return world_T_ego if frame == self.ego else world_T_ego @ self._ego_T(frame, stamp_ns)
 
     def _ego_T(self, frame: str, stamp_ns: int) -> Pose:

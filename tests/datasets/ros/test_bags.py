@@ -238,6 +238,22 @@ def test_a_log_of_detections_alone_is_tracked(tmp_path):
         scene.sweep(0)
 
 
+def test_of_a_fast_detector_the_message_nearest_to_each_cloud_counts(tmp_path):
+    """At 30 Hz, ending after the last pose: three messages a cloud, two of them left out."""
+    times = [stamp + 3_000_000 for stamp in bags.stamps(0.0, 0.8, 30)]
+    messages = [*bags.tf(0.0, 0.8), *bags.clouds(bags.stamps(0.0, 0.8, 10))]
+    write_bag(tmp_path / "drive", [*messages, *bags.detections(times)])
+    scene = opened(tmp_path, detections_topic="/detections")
+    for index in range(9):
+        found = scene.frame(index).detections
+        assert len(found) == 2
+        # each placed by the pose of its own time; the last is later than every pose
+        atol = 0.05 if index == 8 else 1e-6
+        np.testing.assert_allclose(found.centre_m[0], bags.CAR_M, atol=atol)
+    kinds = {concern.kind: concern.count for concern in scene.concerns}
+    assert kinds == {"messages of detections left out": 16}
+
+
 def box_elsewhere() -> list[Message]:
     stamp = bags.stamps(0.3, 0.3, 1)[0]
     stamped = ros.header(stamp, "camera")
