@@ -6,7 +6,19 @@ import sys
 
 import typer
 
-from mottrack.cli import data, eval, machines, noise, paper, report, run, stress, train, view
+from mottrack.cli import (
+    data,
+    eval,
+    exchange,
+    machines,
+    noise,
+    paper,
+    report,
+    run,
+    stress,
+    train,
+    view,
+)
 from mottrack.cli.arguments import EXIT_USER_ERROR
 
 app = typer.Typer(
@@ -17,7 +29,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help starts in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (run, machines, report, paper, view, eval, data, train, noise, stress):
+for group in (run, machines, exchange, report, paper, view, eval, data, train, noise, stress):
     group.register(app)
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.detection_files import DetectorConfig
 from mottrack.datasets.vehicle import VehicleOutline
 from mottrack.formats.nuscenes_classes import CLASSES
 
@@ -31,8 +32,11 @@ class NuScenesConfig(StrictModel):
     )
     scenes: tuple[str, ...] | None = Field(None, description="scene names out of the split")
     detections: Path | None = Field(
-        None, description="detection file in the official format; relative: working folder, root"
+        None,
+        description="detection file in the official format, a table or an export; relative: "
+        "working folder, root; {scene}: a file each",
     )
+    detector: DetectorConfig = DetectorConfig()
     detector_velocity: bool = Field(
         False, description="use the detector's own velocities as measurements"
     )

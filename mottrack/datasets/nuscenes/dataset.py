@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from mottrack.core.errors import DataError, ResultError
+from mottrack.datasets.detection_files import located
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.scene import NuScenesScene
@@ -76,10 +77,10 @@ class NuScenes:
 
     @cached_property
     def _detections(self) -> DetectionFile | None:
-        path = self._config.detections
-        if path is None:
+        if self._config.detections is None:
             return None
-        return DetectionFile(path if path.is_file() else self._config.root / path, self._cache_dir)
+        path = located(self._config.root, self._config.detections)
+        return DetectionFile(path, self._cache_dir)
 
     @property
     def _cache_dir(self) -> Path | None:
