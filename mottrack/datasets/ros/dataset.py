@@ -10,7 +10,8 @@ import numpy as np
 from mottrack.core import Frame, Pose, Sweep
 from mottrack.datasets.ros.config import RosConfig
 from mottrack.datasets.ros.mcap_file import McapFile, MessageTime
-from mottrack.datasets.ros.messages import ODOMETRY_TYPES, POINT_TYPES, Odometry, point_columns
+from mottrack.datasets.ros.message_types import ODOMETRY_TYPES, POINT_TYPES
+from mottrack.datasets.ros.messages import Odometry, point_columns
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
 from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.checks import check_points, check_rings

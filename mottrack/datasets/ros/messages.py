@@ -16,12 +16,6 @@ from mottrack.formats.checks import check_count
 from mottrack.formats.faults import MissingError
 from mottrack.formats.rigid import quaternion_pose
 
-POINT_TYPES = ("sensor_msgs/msg/PointCloud2",)
-ODOMETRY_TYPES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-)
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """sensor_msgs/msg/PointField's numbers of types."""
 
