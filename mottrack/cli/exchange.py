@@ -24,7 +24,7 @@ def tracks(
         str, typer.Option("--format", help="nuscenes, kitti, mot, argoverse2, csv, parquet or mcap")
     ],
     out: Annotated[
-        Path, typer.Option("--out", help="a file; for kitti, mot and argoverse2 a folder")
+        Path, typer.Option("--out", help="a file; for kitti, mot, argoverse2 and mcap a folder")
     ],
     root: Annotated[
         Path | None, typer.Option(help="the data set, where it does not lie as the run says")

@@ -127,12 +127,11 @@ def _of_rows(rows: BoxRows, frames: SceneFrames, *, own: bool) -> _Found | None:
     if not len(table):
         return None
     if rows.scenes is None and not own:
-        known = frames.places(np.unique(rows.keys).tolist()) >= 0
-        if not known.any():  # a file of other scenes, told apart by their stamps or tokens
+        here = frames.rows_of_scene(rows.keys, table.path)
+        if not len(here):  # a file of other scenes, told apart by their stamps or tokens
             return None
         _require_scene_known(table.path, frames)
-        inside = frames.places(rows.keys.tolist()) >= 0
-        table, rows = table.select(inside), BoxRows(table, rows.keys[inside], None)
+        table, rows = table.select(here), BoxRows(table, rows.keys[here], None)
     place = frames.places_of_keys(rows.keys, table.path)
     return _Found(
         "ego",

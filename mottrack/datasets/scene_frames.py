@@ -75,11 +75,27 @@ class SceneFrames:
         unique, inverse = np.unique(keys, return_inverse=True)
         found = self.places(unique.tolist())
         if (found < 0).any():
-            key = unique[int(np.argmax(found < 0))]
-            near = ", ".join(self.names[0][:2]) if self.names else "none"
-            expected = f"a frame of {self.scene} (the first is {near})"
-            raise DataError(path, "frame", str(key), expected)
+            self._refuse(path, str(unique[int(np.argmax(found < 0))]))
         return found[inverse].astype(np.int64)
+
+    def rows_of_scene(self, keys: Texts, path: Path) -> I64:
+        """Return which rows of a table without scenes are of this one.
+
+        Raises:
+            DataError: a stamp during the scene is that of none of its frames.
+        """
+        unique, inverse = np.unique(keys, return_inverse=True)
+        found = self.places(unique.tolist())
+        for key in unique[found < 0].tolist():
+            stamp = int(key) if key.lstrip("-").isdecimal() else None
+            if stamp is not None and self.stamp_ns[0] <= stamp <= self.stamp_ns[-1]:
+                self._refuse(path, key)
+        return np.flatnonzero((found >= 0)[inverse])
+
+    def _refuse(self, path: Path, key: str) -> None:
+        near = ", ".join(self.names[0][:2]) if self.names else "none"
+        expected = f"a frame of {self.scene} (the first is {near}); float64 keeps no nanoseconds"
+        raise DataError(path, "frame", key, expected)
 
 
 def key_frames(scene: Scene) -> Iterator[Frame]:

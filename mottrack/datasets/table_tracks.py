@@ -66,5 +66,5 @@ def _of_frames(rows: BoxRows, frames: SceneFrames) -> BoxRows:
     if frames.counted:
         expected = f"a column scene: frame {frames.names[0][0]} is in every scene"
         raise DataError(rows.table.path, "column", "without scene", expected)
-    here = np.flatnonzero(frames.places(rows.keys.tolist()) >= 0)
+    here = frames.rows_of_scene(rows.keys, rows.table.path)
     return BoxRows(rows.table.select(here), rows.keys[here], None)

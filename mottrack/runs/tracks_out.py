@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from mottrack.core.errors import ConfigError, unknown_name
 from mottrack.core.result import SceneResult
+from mottrack.core.tables import TrackTable
 from mottrack.datasets.argoverse2 import results as argoverse2
 from mottrack.datasets.kitti import results as kitti
 from mottrack.datasets.kitti.boxes import image_boxes
@@ -50,7 +52,7 @@ class StoredTracks:
         experiment = stored_experiment(folder.config_file, folder.stored_hash, "")
         return cls(folder, experiment, root)
 
-    @property
+    @cached_property
     def results(self) -> list[SceneResult]:
         """Results of all finished scenes, in order of their name."""
         return [self.folder.load(scene) for scene in self.folder.scenes]
@@ -118,7 +120,7 @@ def write_tracks(tracks: StoredTracks, format_name: str, out: Path) -> Written:
     Args:
         tracks: the run.
         format_name: one of `WRITERS`.
-        out: a file for nuscenes, csv, parquet and mcap, a folder for kitti, mot and argoverse2.
+        out: a file for nuscenes, csv and parquet, else a folder.
 
     Raises:
         ConfigError: the format is unknown, or the run is not of a kind that it can hold.
@@ -158,6 +160,22 @@ def _csv(tracks: StoredTracks, out: Path) -> Written:
 
 def _parquet(tracks: StoredTracks, out: Path) -> Written:
     return _table(tracks, _with_suffix(out, ".parquet"))
+
+
+def _mcap(tracks: StoredTracks, out: Path) -> Written:
+    try:
+        from mottrack.datasets.ros.write_tracks import write_tracks_mcap
+    except ImportError as error:
+        raise ConfigError(f"mcap files need the extra ros: {error}") from error
+    boxes = 0
+    for result in tracks.results:
+        # a track without a known velocity gets an arrow of no length
+        known = {name: getattr(result.tracks, name) for name in result.tracks.COLUMNS}
+        known["velocity_mps"] = np.nan_to_num(result.tracks.velocity_mps)
+        shown = replace(result, tracks=TrackTable(**known))
+        snapshots = tracks.folder.load_snapshots(result.name)
+        boxes += write_tracks_mcap(out / f"{result.name}.mcap", shown, snapshots)
+    return Written(len(tracks.results), boxes)
 
 
 def _with_suffix(out: Path, suffix: str) -> Path:
@@ -204,5 +222,6 @@ WRITERS: dict[str, Writer] = {
     "argoverse2": _argoverse2,
     "csv": _csv,
     "parquet": _parquet,
+    "mcap": _mcap,
 }
 """Format to its writer."""

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 from mottrack.cli import app
 from mottrack.core import MottrackError
-from mottrack.core.result import SceneResult
-from mottrack.core.tables import FrameTable, TrackTable, TruthTable
+from mottrack.core.tables import TrackTable
 from mottrack.datasets.kitti.boxes import CameraBoxes, image_boxes
 from mottrack.datasets.scene_frames import key_frames
 from mottrack.eval.kitti.files import Folders, evaluate_folders
@@ -23,6 +22,7 @@ from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.tracks_in import READERS, Import, import_tracks
 from mottrack.runs.tracks_out import WRITERS, StoredTracks, write_tracks
 from tests.datasets.makers import maker
+from tests.runs.perfect import perfect
 
 ROUNDED_M = 2e-6
 """KITTI's and MOTChallenge's text files are written with six decimals."""
@@ -57,30 +57,6 @@ def root_of(tmp_path_factory):
 
 def dataset_of(kind: str, root: Path) -> dict[str, object]:
     return {"kind": kind, "root": str(root)} | dict(maker(kind).settings)
-
-
-def perfect(name: str, frames, classes) -> SceneResult:
-    """Return the truth as tracks, a little beside it and with scores of their own."""
-    truth = TruthTable.of(frames)
-    truth = truth.select(np.isin(truth.label, classes))
-    columns = {name: getattr(truth, name) for name in truth.COLUMNS}
-    columns = {k: v for k, v in columns.items() if k not in ("num_points", "interpolated")}
-    n = len(truth)
-    noise = np.random.default_rng(3).normal(size=(n, 3))
-    tracks = TrackTable(
-        **columns
-        | {
-            "centre_m": truth.centre_m + 0.05 * noise,
-            "velocity_mps": np.nan_to_num(truth.velocity_mps),
-            "velocity_covariance_m2ps2": np.zeros((n, 2, 2)),
-            "score": np.random.default_rng(4).uniform(size=n),
-            "observed": np.ones(n, np.bool_),
-            "hull_corners": np.zeros(n, np.int64),
-        }
-    )
-    return SceneResult(
-        name, FrameTable.of(frames), TruthTable.of(frames), tracks, classes=tuple(classes)
-    )
 
 
 def stored_run(folder: Path, settings: dict[str, object]) -> RunFolder:
@@ -169,6 +145,18 @@ def test_av2s_evaluator_gets_plain_frames_of_its_categories(root_of, tmp_path):
             n = len(frame["track_id"])
             shapes = {k: v.shape for k, v in frame.items() if isinstance(v, np.ndarray)}
             assert shapes["translation_m"] == shapes["velocity_m_per_s"] == (n, 3)
+
+
+def test_a_log_has_the_tracks_of_every_frame(root_of, tmp_path):
+    reader = pytest.importorskip("mcap.reader", reason="needs the extra: pip install mottrack[ros]")
+    run = stored_run(tmp_path / "run", dataset_of("folder", root_of("folder")))
+    done = mottrack("tracks", run.path, "--format", "mcap", "--out", tmp_path / "logs")
+    assert done.exit_code == 0, done.output
+    for scene in run.scenes:
+        with (tmp_path / f"logs/{scene}.mcap").open("rb") as file:
+            messages = list(reader.make_reader(file).iter_messages(topics=["/tracks/boxes"]))
+        stamps = [message.log_time for _, _, message in messages]
+        assert stamps == run.load(scene).frames.stamp_ns.tolist()
 
 
 def test_tracks_of_several_files_are_other_tracks(root_of, tmp_path):
