@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -64,7 +64,7 @@ def import_(  # noqa: PLR0913
         str | None, typer.Option("--data", help="kind of data set (default: by its layout)")
     ] = None,
     boxes_in: Annotated[
-        str, typer.Option("--boxes-in", help="frame of the boxes of a table: world or ego")
+        Literal["world", "ego"], typer.Option("--boxes-in", help="frame of the boxes of a table")
     ] = "world",
 ) -> None:
     """Make a run of the tracks of any tracker: report, player and comparison work on it.
@@ -72,13 +72,10 @@ def import_(  # noqa: PLR0913
     Example: mottrack import path/to/kitti --format kitti --tracks results/data_0 --out out/theirs
     """
     from mottrack.cli.finished import show_comparison
-    from mottrack.core.errors import unknown_name
     from mottrack.datasets.check import kind_of_folder
     from mottrack.runs.comparison import score_runs
     from mottrack.runs.tracks_in import Import, import_tracks
 
-    if boxes_in not in ("world", "ego"):
-        raise unknown_name("--boxes-in", boxes_in, ("world", "ego"))
     settings = _settings(overrides or [])
     kind = data or ("mot" if format_name == "mot" else kind_of_folder(dataset))
     given = {"kind": kind, "root": str(dataset), **settings.pop("dataset", {})}
@@ -86,7 +83,7 @@ def import_(  # noqa: PLR0913
     if kind == "mot":
         settings.setdefault("scores", {}).setdefault("match_by", "iou")
         settings["scores"].setdefault("match_iou", MOT_IOU)
-    request = Import(tuple(tracks), format_name, given, settings, boxes_in)  # type: ignore[arg-type]
+    request = Import(tuple(tracks), format_name, given, settings, boxes_in)
     imported = import_tracks(request, out)
     show_comparison(score_runs((imported.run,), out))
     boxes = sum(len(result.tracks) for result in imported.run.results)

@@ -88,17 +88,23 @@ class _Found(NamedTuple):
     velocity_mps: F64
 
 
-def relabelled(table: DetectionTable, labels: Mapping[str, str]) -> DetectionTable:
+def relabelled(table: DetectionTable, labels: Mapping[str, str], path: Path) -> DetectionTable:
     """Return the rows of known classes, under the data set's names; case does not matter.
 
     Args:
         table: detections with the detector's names.
         labels: name to label; labels stand for themselves.
+        path: the file, for an error.
+
+    Raises:
+        DataError: no row is of a known class.
     """
     known = {name.lower(): label for name, label in labels.items()}
     known |= {label.lower(): label for label in labels.values()}
     names, inverse = np.unique(table.label, return_inverse=True)
     mapped = np.array([known.get(str(name).lower(), "") for name in names], np.str_)
+    if len(names) and not (mapped != "").any():
+        raise DataError(path, "label", str(names[0]), f"one of {', '.join(sorted(known))}")
     label = mapped[inverse] if len(names) else table.label
     columns = {name: getattr(table, name) for name in table.COLUMNS} | {"label": label}
     return DetectionTable(**columns).select(label != "")

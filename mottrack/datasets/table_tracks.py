@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,32 +11,33 @@ from mottrack.core.pose import wrap_angle
 from mottrack.datasets.imported import ImportedTracks
 from mottrack.datasets.scene_boxes import to_world
 from mottrack.datasets.scene_frames import SceneFrames
-from mottrack.formats.box_table import PLACE, SIZE, VELOCITY, BoxRows, read_box_rows
+from mottrack.formats.box_table import PLACE, SIZE, VELOCITY, BoxRows
 
 TrackFrame = Literal["world", "ego"]
 
 
-def table_tracks(path: Path, frames: SceneFrames, boxes_in: TrackFrame) -> ImportedTracks | None:
+def table_tracks(
+    table_rows: BoxRows, frames: SceneFrames, boxes_in: TrackFrame
+) -> ImportedTracks | None:
     """Return the tracks of one scene; None where the table has none of it.
 
     Velocities are over the ground, in the axes of the frame that the boxes are in.
 
     Args:
-        path: the table.
+        table_rows: the whole table, read with `tracks=True`.
         frames: of the scene.
         boxes_in: frame of the boxes.
 
     Raises:
-        DataError: missing or damaged file, a value out of range, a frame that the scene lacks, or a
-            track twice in a frame.
+        DataError: a frame that the scene lacks, or a track twice in a frame.
     """
-    rows = read_box_rows(path, tracks=True).of_scene(frames.scene)
+    rows = table_rows.of_scene(frames.scene)
     if rows.scenes is None:
         rows = _of_frames(rows, frames)
     table = rows.table
     if not len(table):
         return None
-    place = frames.places_of_keys(rows.keys, path)
+    place = frames.places_of_keys(rows.keys, table.path)
     numbered = np.unique(table["id"], return_inverse=True)[1]
     table.refuse_repeated("id", np.column_stack([place, numbered]), "each track once a frame")
     centre_m, yaw_rad, velocity = table.stacked(PLACE), table["yaw"], table.stacked(VELOCITY)

@@ -18,7 +18,7 @@ from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.datasets.argoverse2 import results as argoverse2
-from mottrack.datasets.argoverse2.config import Argoverse2Config
+from mottrack.datasets.argoverse2.config import CLASS_MAP as AV2_CLASS_MAP
 from mottrack.datasets.imported import ImportedTracks
 from mottrack.datasets.kitti import results as kitti
 from mottrack.datasets.kitti.camera import Camera
@@ -33,6 +33,7 @@ from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.plugins import Part, load_part
 from mottrack.experiment.settings import Settings
 from mottrack.experiment.validation_message import format_validation_error
+from mottrack.formats.box_table import read_box_rows
 from mottrack.formats.faults import MissingError
 from mottrack.pipeline.snapshots import SnapshotRecorder
 from mottrack.runs.lock import only_driver
@@ -69,16 +70,10 @@ class Imported(NamedTuple):
     absent: tuple[str, ...]
 
 
-class _Source(NamedTuple):
-    """A file or folder, and the scene whose tracks are wanted."""
-
-    path: Path
-    scene: Scene
-    frames: SceneFrames
-    request: Import
-
-
-Reader = Callable[[_Source], ImportedTracks | None]
+OfScene = Callable[[Scene, SceneFrames], ImportedTracks | None]
+"""Returns the tracks of a scene; None where the file has none of it."""
+Reader = Callable[[Path, "Import"], OfScene]
+"""Opens a file or a folder once for all scenes."""
 
 
 def import_tracks(request: Import, out: Path) -> Imported:
@@ -94,14 +89,15 @@ def import_tracks(request: Import, out: Path) -> Imported:
         if not path.exists():
             raise MissingError(path, "tracks", "missing", "a file or a folder of tracks")
     experiment = _experiment(request)
-    dataset = _opened(experiment)
+    dataset: Dataset = experiment.dataset.make()
+    files = [READERS[request.format_name](path, request) for path in request.tracks]
     names = experiment.settings.scenes or dataset.scene_names
     folder = RunFolder(out)
     finished: list[str] = []
     with only_driver(out):
         for name in names:
             scene = dataset.scene(name)
-            found = _tracks_of(scene, request)
+            found = _result_of(scene, files)
             if found is None:
                 continue
             folder.reserve(experiment)
@@ -149,11 +145,6 @@ def _dataset_part(settings: Mapping[str, Any]) -> Part:
     return Part(mot.MotSequences.name, mot.MotSequences, config)
 
 
-def _opened(experiment: Experiment) -> Dataset:
-    dataset: Dataset = experiment.dataset.make()
-    return dataset
-
-
 def _digest(paths: Sequence[Path]) -> str:
     digest = hashlib.sha256()
     for path in paths:
@@ -164,17 +155,17 @@ def _digest(paths: Sequence[Path]) -> str:
     return digest.hexdigest()
 
 
-def _tracks_of(scene: Scene, request: Import) -> SceneResult | None:
+def _result_of(scene: Scene, files: Sequence[OfScene]) -> SceneResult | None:
     """Return the result of a scene; None where no file has any of it."""
     keys = list(key_frames(scene))
     known = (
         scene.all_frames() if isinstance(scene, KittiScene) else SceneFrames.of(scene.name, keys)
     )
     parts = []
-    for number, path in enumerate(request.tracks):
-        found = READERS[request.format_name](_Source(path, scene, known, request))
+    for number, tracks_of in enumerate(files):
+        found = tracks_of(scene, known)
         if found is not None:
-            prefix = f"{number}:" if len(request.tracks) > 1 else ""
+            prefix = f"{number}:" if len(files) > 1 else ""
             parts.append(found.renamed(prefix))
     if not parts:
         return None
@@ -211,56 +202,57 @@ def _snapshots(scene: Scene, experiment: Experiment) -> list[Snapshot]:
     return recorder.snapshots
 
 
-def _file_of(source: _Source, suffix: str) -> Path | None:
-    """Return the file of a scene; None where the folder, which has one each, lacks it."""
-    if source.path.is_file():
-        if source.path.stem != source.scene.name:
-            expected = f"{source.scene.name}{suffix}, or the folder of such files"
-            raise DataError(source.path, "name", source.path.name, expected)
-        return source.path
-    inner = source.path / "data_0"  # as AB3DMOT lays out its results
-    folder = inner if inner.is_dir() else source.path
-    path = folder / f"{source.scene.name}{suffix}"
-    return path if path.exists() else None
+def _file_of(path: Path, scene: str) -> Path | None:
+    """Return the text file of a scene; None where the folder, which has one each, lacks it."""
+    if path.is_file():
+        if path.stem != scene:
+            raise DataError(path, "name", path.name, f"{scene}.txt, or the folder of such files")
+        return path
+    inner = path / "data_0"  # as AB3DMOT lays out its results
+    file = (inner if inner.is_dir() else path) / f"{scene}.txt"
+    return file if file.exists() else None
 
 
-def _nuscenes(source: _Source) -> ImportedTracks | None:
-    tokens = [names[0] for names in source.frames.names]
-    return TrackingFile(source.path).tracks(tokens)
+def _nuscenes(path: Path, _: Import) -> OfScene:
+    file = TrackingFile(path)
+    return lambda _, frames: file.tracks([names[0] for names in frames.names])
 
 
-def _kitti(source: _Source) -> ImportedTracks | None:
-    path = _file_of(source, ".txt")
-    if path is None:
-        return None
-    if isinstance(source.scene, KittiScene):
-        camera, class_map = source.scene.camera, source.scene.class_map
-        return kitti.read_tracks(path, source.frames, camera, class_map)
-    # written of another data set: frames are counted, the camera is KITTI's nominal one
-    frames = source.frames.numbered()
-    return kitti.read_tracks(path, frames, Camera.nominal(), dict(CLASS_MAP))
+def _kitti(path: Path, _: Import) -> OfScene:
+    def read(scene: Scene, frames: SceneFrames) -> ImportedTracks | None:
+        file = _file_of(path, scene.name)
+        if file is None:
+            return None
+        if isinstance(scene, KittiScene):
+            return kitti.read_tracks(file, frames, scene.camera, scene.class_map)
+        # written of another data set: frames are counted, the camera is KITTI's nominal one
+        return kitti.read_tracks(file, frames.numbered(), Camera.nominal(), CLASS_MAP)
+
+    return read
 
 
-def _mot(source: _Source) -> ImportedTracks | None:
-    path = _file_of(source, ".txt")
-    if path is None:
-        return None
-    if not isinstance(source.scene, mot.MotScene):
-        raise ConfigError("boxes in an image have no place in the world: import them with mot data")
-    return mot.read_tracks(path, source.frames, source.scene.classes[0])
+def _mot(path: Path, _: Import) -> OfScene:
+    def read(scene: Scene, frames: SceneFrames) -> ImportedTracks | None:
+        file = _file_of(path, scene.name)
+        if file is None:
+            return None
+        if not isinstance(scene, mot.MotScene):
+            raise ConfigError("boxes in an image have no place in the world: import with mot data")
+        return mot.read_tracks(file, frames, scene.classes[0])
+
+    return read
 
 
-def _argoverse2(source: _Source) -> ImportedTracks | None:
-    path = source.path / argoverse2.TRACKS if source.path.is_dir() else source.path
-    config = Argoverse2Config(root=Path())
-    given = source.request.dataset.get("class_map")
-    if isinstance(given, dict):
-        config = config.model_copy(update={"class_map": given})
-    return argoverse2.read_tracks(path, source.frames, config)
+def _argoverse2(path: Path, request: Import) -> OfScene:
+    table = argoverse2.read_table(path / argoverse2.TRACKS if path.is_dir() else path)
+    given = request.dataset.get("class_map")
+    class_map = given if isinstance(given, dict) else AV2_CLASS_MAP
+    return lambda _, frames: argoverse2.tracks_of_log(table, frames, class_map)
 
 
-def _table(source: _Source) -> ImportedTracks | None:
-    return table_tracks(source.path, source.frames, source.request.boxes_in)
+def _table(path: Path, request: Import) -> OfScene:
+    rows = read_box_rows(path, tracks=True)
+    return lambda _, frames: table_tracks(rows, frames, request.boxes_in)
 
 
 READERS: dict[str, Reader] = {

@@ -310,3 +310,16 @@ def test_frames_that_are_missing_or_of_any_scene_are_told(root_of, tmp_path):
     read = open_dataset("kitti", root, detections=str(path))
     with pytest.raises(MottrackError, match="the scene of each frame"):
         _ = read.scene(read.scene_names[0]).frame(0)
+
+
+def test_labels_that_nobody_knows_are_told(root_of, tmp_path):
+    """Else a tracker would run on nothing at all."""
+    root = root_of("kitti")
+    own = open_dataset("kitti", root)
+    entries = openpcdet_entries(own, Pose.identity(), lambda s, f: f"{s}/{f.token}")
+    for entry in entries:
+        entry["name"] = np.array(["vehicle"] * len(entry["name"]))
+    path = write_openpcdet(tmp_path / "d.json", entries)
+    read = open_dataset("kitti", root, detections=str(path))
+    with pytest.raises(MottrackError, match="label is vehicle, expected one of"):
+        _ = read.scene(read.scene_names[0]).frame(0)

@@ -24,7 +24,7 @@ from mottrack.eval.kitti.files import Folders, evaluate_folders
 from mottrack.eval.kitti.matching import KittiRules
 from mottrack.eval.mot import score_files
 from mottrack.eval.nuscenes import command
-from mottrack.formats.box_table import write_box_rows
+from mottrack.formats.box_table import read_box_rows, write_box_rows
 from mottrack.formats.detector_exports import read_export
 from tests.datasets.makers import SEED, open_dataset, write_own_log
 from tests.fuzz.damage import (
@@ -139,7 +139,8 @@ def read_table(name: str) -> Callable[[Path], Read]:
     frames = SceneFrames("s", tuple((str(t),) for t in stamps), stamps, (Pose.identity(),) * 5)
 
     def read(root: Path) -> Read:
-        found = table_tracks(root / "tables" / name, frames, "world")
+        rows = read_box_rows(root / "tables" / name, tracks=True)
+        found = table_tracks(rows, frames, "world")
         if found is None:
             return Read([None])
         return Read([found.frame, found.centre_m, found.size_m, found.score, found.track])

@@ -187,4 +187,6 @@ class Argoverse2Scene:
         names = tuple((str(stamp),) for stamp in stamps)
         frames = SceneFrames(self.name, names, stamps, tuple(poses.values()))
         table = general_detections(self.detections_at, frames, self._config.detector)
-        return None if table is None else relabelled(table, self._config.class_map)
+        if table is None:
+            return None
+        return relabelled(table, self._config.class_map, self.detections_at)

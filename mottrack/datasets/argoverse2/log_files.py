@@ -152,7 +152,7 @@ def read_annotations(path: Path, poses: LogPoses, config: Argoverse2Config) -> T
     return TruthTable(
         frame=table["frame"],
         id=identity,
-        label=labels_of(table["category"], config),
+        label=labels_of(table["category"], config.class_map),
         centre_m=centre_m,
         size_m=table["size"],
         yaw_rad=yaw_rad,
@@ -181,7 +181,7 @@ def read_log_detections(
     centre_m, yaw_rad = _in_world(table, poses)
     return DetectionTable(
         frame=table["frame"],
-        label=labels_of(table["category"], config),
+        label=labels_of(table["category"], config.class_map),
         score=table["score"],
         centre_m=centre_m,
         size_m=table["size"],
@@ -232,7 +232,7 @@ def _in_world(table: Columns, poses: LogPoses) -> tuple[F64, F64]:
     return to_world(table["translation"], yaw_rad, table["frame"], list(poses.frames.values()))
 
 
-def labels_of(category: Texts, config: Argoverse2Config) -> Texts:
+def labels_of(category: Texts, class_map: Mapping[str, str]) -> Texts:
     """Return the label of each Argoverse category."""
-    names = [config.class_map.get(str(c), str(c).lower()) for c in category]
+    names = [class_map.get(str(c), str(c).lower()) for c in category]
     return np.array(names, dtype=np.str_)

@@ -9,7 +9,7 @@ frame, `predictions.pkl` and `ground_truth.pkl`; they are written, never read.
 from __future__ import annotations
 
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import write_bytes
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.datasets.argoverse2.config import Argoverse2Config
 from mottrack.datasets.argoverse2.log_files import (
     CUBOID,
     ROTATION,
@@ -35,7 +34,7 @@ from mottrack.datasets.argoverse2.write import categories
 from mottrack.datasets.imported import ImportedTracks
 from mottrack.datasets.scene_boxes import to_world, unknown_velocities
 from mottrack.datasets.scene_frames import SceneFrames
-from mottrack.formats.columns import ColumnSpec
+from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.feather import feather_names, read_feather_columns
 from mottrack.formats.rigid import quaternion_yaws, yaw_quaternions
 
@@ -114,31 +113,45 @@ def _frames(result: SceneResult, boxes: TrackTable | TruthTable) -> list[dict[st
     return found
 
 
-def read_tracks(path: Path, frames: SceneFrames, config: Argoverse2Config) -> ImportedTracks | None:
-    """Read the tracks of one log out of a table; None where it has none of this log.
+def read_table(path: Path) -> Columns:
+    """Read the tracks of all logs.
 
     Raises:
-        DataError: damaged file, a value out of range, a time that is no frame's, or a track twice
-            at one time.
+        DataError: damaged file, or a value out of range.
     """
     names = feather_names(path)
     speeds = tuple(ColumnSpec(name, blank=np.nan) for name in VELOCITY if name in names)
     further = (ColumnSpec("score"), ColumnSpec("log_id", str), ColumnSpec("track_uuid", str))
-    table = read_feather_columns(path, (*CUBOID, *further, *speeds))
+    table = checked_cuboids(read_feather_columns(path, (*CUBOID, *further, *speeds)))
+    table.refuse("track_uuid", table["track_uuid"] == "", "a name")
+    return table
+
+
+def tracks_of_log(
+    table: Columns, frames: SceneFrames, class_map: Mapping[str, str]
+) -> ImportedTracks | None:
+    """Return the tracks of one log; None where the table has none of it.
+
+    Args:
+        table: of all logs.
+        frames: of the log.
+        class_map: category to label.
+
+    Raises:
+        DataError: a time that is no frame's, or a track twice at one time.
+    """
     table = table.select(np.flatnonzero(table["log_id"] == frames.scene))
     if not len(table):
         return None
-    table = checked_cuboids(table)
-    table.refuse("track_uuid", table["track_uuid"] == "", "a name")
-    place = frames.places_of_keys(table["timestamp_ns"].astype(np.str_), path)
+    place = frames.places_of_keys(table["timestamp_ns"].astype(np.str_), table.path)
     keys = np.column_stack([place, _numbered(table["track_uuid"])])
     table.refuse_repeated("track_uuid", keys, "each track once a time")
     yaw_rad = quaternion_yaws(table["rotation"])
     centre_m, world_yaw = to_world(table["translation"], yaw_rad, place, frames.world_T_ego)
-    known = len(speeds) == len(VELOCITY)
+    known = all(name in table.arrays for name in VELOCITY)
     return ImportedTracks(
         frame=place,
-        label=labels_of(table["category"], config),
+        label=labels_of(table["category"], class_map),
         score=table["score"],
         centre_m=centre_m,
         size_m=table["size"],

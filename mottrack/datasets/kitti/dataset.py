@@ -226,7 +226,7 @@ class KittiScene:
         if folder.is_dir() and any(folder.glob("*.txt")):
             return self._detection_table(folder)
         table = general_detections(files.detections_at, self.all_frames(), files.config.detector)
-        return None if table is None else relabelled(table, files.config.class_map)
+        return None if table is None else relabelled(table, files.config.class_map, folder)
 
     @property
     def camera(self) -> Camera:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +76,7 @@ def in_camera(tracks: TrackTable, result: SceneResult, camera: Camera) -> Camera
 
 
 def read_tracks(
-    path: Path, frames: SceneFrames, camera: Camera, class_map: dict[str, str]
+    path: Path, frames: SceneFrames, camera: Camera, class_map: Mapping[str, str]
 ) -> ImportedTracks:
     """Read one sequence's tracks; types that have no label are left out.
 

@@ -164,7 +164,7 @@ class NuScenesScene:
 
     def _general_detections(self, path: Path) -> DetectionTable | None:
         table = general_detections(path, self._samples(), self._config.detector)
-        return None if table is None else relabelled(table, {name: name for name in CLASSES})
+        return None if table is None else relabelled(table, {n: n for n in CLASSES}, path)
 
     def _samples(self) -> SceneFrames:
         """Return the key frames as files of boxes know them: by token, stamp or sweep."""
