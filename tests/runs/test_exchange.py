@@ -272,7 +272,7 @@ def test_image_boxes_are_scored_as_motchallenge_does(tmp_path):
     assert ours["id_switches"] == theirs["ids"] > 0
     back = tmp_path / "back"
     mottrack("tracks", tmp_path / "run", "--format", "mot", "--out", back)
-    first = (back / "pedestrian/seq.txt").read_text().splitlines()[0].split(",")
+    first = (back / "person/seq.txt").read_text().splitlines()[0].split(",")
     assert list(map(float, first[:6])) == pytest.approx(moved[0], abs=ROUNDED_M)
 
 

@@ -17,4 +17,8 @@ class MotConfig(StrictModel):
     rate_hz: float = Field(
         25.0, gt=0, le=1000, description="frames a second where `seqinfo.ini` does not say it"
     )
-    label: str = Field("pedestrian", min_length=1, description="class of all boxes")
+    label: str = Field(
+        "person",
+        min_length=1,
+        description="class of all boxes; one of nuScenes' would be scored within its range only",
+    )

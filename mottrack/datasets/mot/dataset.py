@@ -100,7 +100,7 @@ class MotScene:
         place = checked_index(index, len(self), self.name)
         stamp_ns = int(self._stamps_ns[place])
         truth = truth_of(self._truth, place, stamp_ns)
-        return Frame(stamp_ns, Pose.identity(), truth=truth, token=str(place + 1))
+        return Frame(stamp_ns, self._middle, truth=truth, token=str(place + 1))
 
     def sweep(self, index: int) -> Sweep:
         """Refuse: an image has no points."""
@@ -109,8 +109,15 @@ class MotScene:
     def frames(self) -> SceneFrames:
         """Return the frames as result files know them: by their number."""
         names = tuple((str(n + 1),) for n in range(len(self)))
-        poses = (Pose.identity(),) * len(self)
+        poses = (self._middle,) * len(self)
         return SceneFrames(self.name, names, tuple(self._stamps_ns.tolist()), poses)
+
+    @cached_property
+    def _middle(self) -> Pose:
+        """The middle of all true boxes, around which pictures are drawn."""
+        centre_m = to_plane(_boxes(self._rows)).centre_m
+        middle = (centre_m.min(axis=0) + centre_m.max(axis=0)) / 2 if len(centre_m) else np.zeros(3)
+        return Pose(np.eye(3), middle)
 
     @cached_property
     def _stamps_ns(self) -> I64:

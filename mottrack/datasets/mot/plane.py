@@ -1,4 +1,4 @@
-"""Boxes in an image as boxes on a plane: 1 px is 1 cm, x to the right, y up.
+"""Boxes in an image as boxes on a plane: 1 px is 5 cm, x to the right, y up.
 
 All boxes are equally high and stand at one height, so that their 3-D IoU is the IoU of their
 rectangles, by which MOTChallenge matches: `scores.match_by: iou`.
@@ -12,8 +12,8 @@ import numpy as np
 
 from mottrack.core.arrays import F64
 
-METRES_PER_PX = 0.01
-"""The player and the stored pictures have steps of a centimetre: a pixel."""
+METRES_PER_PX = 0.05
+"""An image of 1920 px is 96 m wide, of which the player shows most at once; its steps are 1 cm."""
 LEAST_PX = 1e-3
 """Sizes must be positive; files have boxes without an area, which match nothing either way."""
 
