@@ -10,6 +10,7 @@ from mottrack.cli import (
     convert,
     data,
     eval,
+    exchange,
     machines,
     noise,
     paper,
@@ -30,7 +31,21 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help starts in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (run, machines, report, paper, view, eval, data, convert, train, noise, stress, tune):
+for group in (
+    run,
+    machines,
+    exchange,
+    report,
+    paper,
+    view,
+    eval,
+    data,
+    convert,
+    train,
+    noise,
+    stress,
+    tune,
+):
     group.register(app)
 
 

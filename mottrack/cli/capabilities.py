@@ -60,7 +60,7 @@ def capabilities(  # noqa: PLR0913
 def _of_runs(paths: list[Path]) -> dict[str, list[Scene]]:
     from mottrack.core.errors import ResultError
     from mottrack.eval.capabilities.tracking import of_results
-    from mottrack.experiment.experiment import load_experiments
+    from mottrack.experiment.stored import stored_experiment
     from mottrack.runs.run_folder import RunFolder
 
     found: dict[str, list[Scene]] = {}
@@ -70,7 +70,8 @@ def _of_runs(paths: list[Path]) -> dict[str, list[Scene]]:
             raise ResultError(path, "content", "no config.yaml", "the folder of a run")
         for folder in (f if f.is_dir() else f.parent for f in folders):
             stored = RunFolder(folder)
-            config = load_experiments(str(stored.config_file))[0].settings.scores
+            experiment = stored_experiment(stored.config_file, stored.stored_hash, "")
+            config = experiment.settings.scores
             found[folder.name] = of_results([stored.load(n) for n in stored.scenes], config)
     return found
 

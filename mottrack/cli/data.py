@@ -98,23 +98,24 @@ def submit(
     root: Annotated[
         Path | None, typer.Option(help="the data set, to check that no sample is missing")
     ] = None,
-    split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
+    split: Annotated[
+        str | None, typer.Option(help="the split that it is for (default: that of the run)")
+    ] = None,
 ) -> None:
     """Write the tracks of a run as a nuScenes tracking submission.
 
     Example: mottrack submit out/val --root path/to/nuscenes --out submission.json
     """
-    from mottrack.core.errors import DataError
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes
     from mottrack.datasets.nuscenes.submission import Samples, write_submission
-    from mottrack.runs.run_folder import RunFolder
+    from mottrack.runs.tracks_out import StoredTracks
 
-    folder = RunFolder(run)
-    if not folder.scenes:
-        raise DataError(run, "scenes", "none", "scenes/<scene>.npz of a finished run")
+    stored = StoredTracks.of(run)
+    wanted = split or stored.split
     tokens = None
     if root is not None:
-        tokens = Samples(NuScenes(NuScenesConfig(root=root, split=split)).sample_tokens(), split)
-    boxes = write_submission(out, map(folder.load, folder.scenes), expected=tokens)
-    typer.echo(f"{out}: {boxes} boxes in {len(folder.scenes)} scenes")
+        tokens = Samples(NuScenes(NuScenesConfig(root=root, split=wanted)).sample_tokens(), wanted)
+    boxes = write_submission(out, stored.results, expected=tokens)
+    scenes = len(stored.folder.scenes)
+    typer.echo(f"{out}: {boxes} boxes in {scenes} scenes, for split {wanted}")

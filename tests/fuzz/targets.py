@@ -13,15 +13,20 @@ from typing import Any
 
 import numpy as np
 
-from mottrack.core import Dataset, SceneResult, TruthTable
+from mottrack.core import Dataset, Pose, SceneResult, TruthTable
 from mottrack.core.concerns import Concern
+from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import FrameTable, TrackTable
 from mottrack.datasets.argoverse2.ground_height import read_ground_height
 from mottrack.datasets.plausibility.watch import SceneWatch
+from mottrack.datasets.scene_frames import SceneFrames
+from mottrack.datasets.table_tracks import table_tracks
 from mottrack.eval.kitti.files import Folders, evaluate_folders
 from mottrack.eval.kitti.matching import KittiRules
 from mottrack.eval.mot import score_files
 from mottrack.eval.nuscenes import command
+from mottrack.formats.box_table import read_box_rows, write_box_rows
+from mottrack.formats.detector_exports import read_export
 from tests.datasets.makers import SEED, open_dataset, write_own_log
 from tests.fuzz.damage import (
     Arrow,
@@ -141,6 +146,31 @@ def read_kitti(root: Path) -> Read:
     return Read([metrics.as_dict()["amota"], metrics.as_dict()["fp"]], list(concerns))
 
 
+def read_table(name: str) -> Callable[[Path], Read]:
+    """Tracks of a csv or Parquet table."""
+    stamps = tuple(range(0, 5 * SECOND_NS, SECOND_NS))
+    frames = SceneFrames("s", tuple((str(t),) for t in stamps), stamps, (Pose.identity(),) * 5)
+
+    def read(root: Path) -> Read:
+        rows = read_box_rows(root / "tables" / name, tracks=True)
+        found = table_tracks(rows, frames, "world")
+        if found is None:
+            return Read([None])
+        return Read([found.frame, found.centre_m, found.size_m, found.score, found.track])
+
+    return read
+
+
+def read_boxes_of_detector(name: str) -> Callable[[Path], Read]:
+    """Detections in a detector's export."""
+
+    def read(root: Path) -> Read:
+        found = read_export(root / "tables" / name)
+        return Read([found.frames, found.frame, found.label, found.centre_m, found.yaw_rad])
+
+    return read
+
+
 def read_submission(root: Path) -> Read:
     data = root / "nuscenes"
     request = command.Request(data, "v1.0-trainval", str(root / "s.txt"), root / "submission.json")
@@ -169,6 +199,7 @@ def write_all(root: Path) -> None:
     _write_own_logs(root)
     _write_ground(root / "map")
     _write_mot(root / "mot")
+    _write_tables(root / "tables")
     _write_eval_kitti(root)
     _write_submission(root)
     _write_result(root / "result.npz")
@@ -220,6 +251,31 @@ def _write_mot(folder: Path) -> None:
     tracks = [",".join(map(str, (*row, 0.5, -1, -1, -1))) for row in rows]
     (folder / "gt.txt").write_text("\n".join(truth) + "\n")
     (folder / "tracks.txt").write_text("\n".join(tracks) + "\n")
+
+
+def _write_tables(folder: Path) -> None:
+    folder.mkdir()
+    numbers = ("x", "y", "z", "length", "width", "height", "yaw")
+    place = np.repeat(np.arange(5), 3)
+    columns: dict[str, Any] = {"stamp_ns": place * SECOND_NS, "score": np.full(15, 0.5)}
+    rng = np.random.default_rng(SEED)
+    columns |= {name: rng.uniform(1.0, 2.0, 15) for name in numbers}
+    columns |= {"id": np.tile(["1", "2", "3"], 5), "label": np.full(15, "car")}
+    for name in ("tracks.csv", "tracks.parquet"):
+        write_box_rows(folder / name, columns)
+    boxes = np.column_stack([columns[name] for name in numbers])
+    frames = [
+        {
+            "frame_id": str(k),
+            "name": ["car"] * 3,
+            "score": [0.5] * 3,
+            "boxes_lidar": boxes[3 * k : 3 * k + 3].tolist(),
+        }
+        for k in range(5)
+    ]
+    (folder / "export.json").write_text(json.dumps(frames))
+    arrays = {"frames": np.arange(5).astype(np.str_), "frame": place, "boxes": boxes}
+    np.savez(folder / "export.npz", **arrays, label=columns["label"], score=columns["score"])
 
 
 def _write_eval_kitti(root: Path) -> None:
@@ -449,6 +505,19 @@ TARGETS: dict[str, Target] = {
         read_kitti,
         TextRows((0, 1, *span(3, 18)), bounded=span(6, 17)),
         18,
+    ),
+    "tracks csv": text(
+        "tables/tracks.csv",
+        read_table("tracks.csv"),
+        TextRows(span(0, 9), ",", bounded=span(2, 9), header=True),
+        11,
+    ),
+    "tracks Parquet": Target("tables/tracks.parquet", read_table("tracks.parquet"), common(never)),
+    "detector json": Target(
+        "tables/export.json", read_boxes_of_detector("export.json"), common(never)
+    ),
+    "detector npz": Target(
+        "tables/export.npz", read_boxes_of_detector("export.npz"), common(never)
     ),
     "stored result": Target(
         "result.npz",

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.detection_files import DetectorConfig
 from mottrack.datasets.vehicle import VehicleOutline
 
 VEHICLE = VehicleOutline(front_m=3.5, rear_m=1.4, side_m=1.0)
@@ -21,8 +22,11 @@ class TablesConfig(StrictModel):
     root: Path = Field(description="folder of the data set")
     scenes: tuple[str, ...] | None = Field(None, description="scene names out of the split")
     detections: Path | None = Field(
-        None, description="detection file in the official format; relative: working folder, root"
+        None,
+        description="detection file in the official format, a table or an export; relative: "
+        "working folder, root; {scene}: a file each",
     )
+    detector: DetectorConfig = DetectorConfig()
     detector_velocity: bool = Field(
         False, description="use the detector's own velocities as measurements"
     )

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from mottrack.core.errors import DataError, ResultError
+from mottrack.datasets.detection_files import located
 from mottrack.datasets.nuscenes.config import NuScenesConfig, TablesConfig, TruckScenesConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.dialect import NUSCENES, TRUCKSCENES, Dialect
@@ -108,11 +109,10 @@ class TruckScenes(SplitTables):
 
 def detection_file(config: TablesConfig, dialect: Dialect) -> DetectionFile | None:
     """Return the configured file of detections, if there is one."""
-    path = config.detections
-    if path is None:
+    if config.detections is None:
         return None
-    found = path if path.is_file() else config.root / path
-    return DetectionFile(found, cache_dir(config), dialect)
+    path = located(config.root, config.detections)
+    return DetectionFile(path, cache_dir(config), dialect)
 
 
 def cache_dir(config: TablesConfig) -> Path | None:

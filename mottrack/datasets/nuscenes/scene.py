@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import F64, I64
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
+from mottrack.datasets.detection_files import general_detections, relabelled
 from mottrack.datasets.nuscenes.config import RatedConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.dialect import Dialect
@@ -22,6 +23,7 @@ from mottrack.datasets.scene_boxes import (
     objects_of,
     truth_of,
 )
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import checked_index
 from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.files import inside
@@ -192,7 +194,29 @@ class NuScenesScene:
     def _detections(self) -> DetectionTable | None:
         if self._detection_file is None:
             return None
+        if not self._detection_file.official:
+            return self._general_detections(self._detection_file.path)
         return self._detection_file.table(text_of(self._record.sample_token))
+
+    def _general_detections(self, path: Path) -> DetectionTable | None:
+        table = general_detections(path, self._samples(), self._config.detector)
+        return None if table is None else relabelled(table, {n: n for n in self.classes}, path)
+
+    def _samples(self) -> SceneFrames:
+        """Return the key frames as files of boxes know them: by token, stamp or sweep."""
+        record = self._record
+        keys = np.flatnonzero(record.sweep_sample >= 0)
+        stamps = tuple(self._stamp_ns(int(row)) for row in keys)
+        sweeps = [PurePosixPath(name).name for name in text_of(record.sweep_file[keys])]
+        stems = [name.removesuffix(".bin").removesuffix(".pcd") for name in sweeps]
+        tokens = text_of(record.sample_token[record.sweep_sample[keys]])
+        names = tuple(
+            (token, str(stamp), stem, f"{stem}.pcd")
+            for token, stamp, stem in zip(tokens, stamps, stems, strict=True)
+        )
+        ego_T_lidar = _pose_of(record.ego_T_lidar[keys[0]], self._root, "mounting")
+        poses = tuple(self._pose(int(row)) for row in keys)
+        return SceneFrames(self._name, names, stamps, poses, ego_T_lidar)
 
 
 def _pose_of(values: F64, path: Path, field: str) -> Pose:
