@@ -7,7 +7,21 @@ import sys
 
 import typer
 
-from mottrack.cli import data, eval, machines, noise, paper, report, run, stress, train, tune, view
+from mottrack.cli import (
+    convert,
+    data,
+    eval,
+    exchange,
+    machines,
+    noise,
+    paper,
+    report,
+    run,
+    stress,
+    train,
+    tune,
+    view,
+)
 from mottrack.cli.arguments import EXIT_USER_ERROR
 
 app = typer.Typer(
@@ -18,7 +32,21 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help starts in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (run, machines, report, paper, view, eval, data, train, noise, stress, tune):
+for group in (
+    run,
+    machines,
+    exchange,
+    report,
+    paper,
+    view,
+    eval,
+    data,
+    convert,
+    train,
+    noise,
+    stress,
+    tune,
+):
     group.register(app)
 
 

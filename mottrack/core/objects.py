@@ -24,6 +24,7 @@ from mottrack.core.checks import (
     set_columns,
     set_stamp,
 )
+from mottrack.core.data_frames import Tabular, flattened
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.pose import Pose, rotation_2d, wrap_angle
@@ -45,7 +46,7 @@ GENERIC = "generic"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Boxes:
+class Boxes(Tabular):
     """N boxes at one stamp, in one frame, as a structure of arrays.
 
     Raises:
@@ -94,6 +95,12 @@ class Boxes:
 
     def __len__(self) -> int:
         return len(self.centre_m)
+
+    def flat(self) -> dict[str, NDArray[Any]]:
+        """Return the stamp and `COLUMNS` by name, (N,) each, a column for each number."""
+        stamp_ns = np.full(len(self), self.stamp_ns)
+        columns = {name: getattr(self, name) for name in self.COLUMNS}
+        return {"stamp_ns": stamp_ns, **flattened(columns)}
 
     def select(self, index: NDArray[Any]) -> Self:
         """Return the rows that a boolean mask or an integer index picks, in that order."""

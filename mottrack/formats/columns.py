@@ -25,12 +25,14 @@ class ColumnSpec:
     kind: integers of 64 bits, finite numbers, text, or true and false.
     width: length of the list of numbers in each row; 0 for a single value.
     default: the value where rows of a text file end before this column; None: they must not.
+    blank: the value of an empty cell of a table, NaN for "not known"; None: there must be none.
     """
 
     name: str
     kind: type[int] | type[float] | type[str] | type[bool] = float
     width: int = 0
     default: float | None = None
+    blank: float | None = None
 
     @property
     def expected(self) -> str:

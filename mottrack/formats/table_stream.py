@@ -185,7 +185,8 @@ def records_with(
 
     def thin(text: bytes) -> Thinned:
         found = find(text)
-        if len(found) != text.count(b"}") or not (known is None or known.issuperset(found)):
+        counted = len(found) == text.count(b"}") and found
+        if not counted or not (known is None or known.issuperset(found)):
             return whole(text)
         if values.issuperset(found):
             return Thinned(text, 0, exact=True)

@@ -200,6 +200,8 @@ def _column(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) 
         stripped = [text.strip() for text in texts]
         _refuse_empty(path, numbers, stripped, spec)
         return spec.array(stripped)
+    if spec.blank is not None:
+        return _with_blanks(path, numbers, texts, spec)
     try:
         values = list(map(float if spec.kind is float else int, texts))
         joined = "".join(texts)
@@ -214,6 +216,15 @@ def _column(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) 
     return spec.array(
         [parse(path, _place(spec.name, n), t.strip()) for n, t in zip(numbers, texts, strict=True)]
     )
+
+
+def _with_blanks(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) -> Any:
+    """Return numbers of a column in which cells may be empty."""
+    values = [spec.blank] * len(texts)
+    for row, (number, text) in enumerate(zip(numbers, texts, strict=True)):
+        if text.strip():
+            values[row] = _number(path, _place(spec.name, number), text.strip())
+    return spec.array(values)
 
 
 def _refuse_empty(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) -> None:

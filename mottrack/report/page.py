@@ -22,6 +22,7 @@ from mottrack.report.summary import headlines, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
 from mottrack.report.timing import BUDGET_MS, TIMING, Timing, stages_of, time_rows, widest_ms
 from mottrack.runs.comparison import Comparison
+from mottrack.runs.comparison_tables import settings_table
 from mottrack.runs.velocity_bench import plain_words
 
 TEMPLATE = "report.html.j2"
@@ -84,7 +85,7 @@ def _summary(
     groups = difference_groups(comparison.differences, runs)
     cards = metric_cards(runs, analyses, comparison.differences)
     return {
-        "name": runs[0].scored.experiment.settings.name if runs else "run",
+        "name": _name(runs),
         "version": __version__,
         "runs": runs,
         "scene_count": len({s for run in runs for s in run.scored.report.finished}),
@@ -99,6 +100,12 @@ def _summary(
     }
 
 
+def _name(runs: Sequence[ReportRun]) -> str:
+    """Return the name that the runs share; runs of different days have none."""
+    names = {run.scored.experiment.settings.name for run in runs}
+    return names.pop() if len(names) == 1 else " and ".join(run.title for run in runs) or "run"
+
+
 def _tables(runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> dict[str, Any]:
     return {
         "tracking": tracking_blocks(runs),
@@ -109,6 +116,7 @@ def _tables(runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> dict[str
         "metrics": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
         "glossary": (*TRACKING, *VELOCITY, *FLOW, TIMING, INTERVAL, ORACLE),
         "interval": INTERVAL,
+        "settings": settings_table([run.scored for run in runs]).texts() if runs[1:] else [],
         "configs": {
             run.title: yaml.safe_dump(
                 run.scored.experiment.resolved(), sort_keys=False, allow_unicode=True

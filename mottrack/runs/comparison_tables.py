@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDifference
 from mottrack.eval.sceneflow.figures import HEADLINE
 from mottrack.eval.velocity_error import CATEGORIES, OTHER
+from mottrack.experiment.overrides import GROUPS
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.differences import RunDifferences
@@ -39,6 +42,8 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     if not runs:
         return []
     tables = [tracking_table(runs), velocity_table(runs), timing_table(runs), latency_table(runs)]
+    if len(runs) > 1:
+        tables.append(settings_table(runs))
     if any(run.scores.flow for run in runs):
         tables.insert(2, flow_table(runs))
     tables += scene_flow_tables(runs)
@@ -46,7 +51,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
         tables.append(bench_table(comparison.flow_values))
     if comparison.differences:
         tables.append(difference_table(comparison.differences))
-    return tables
+    return [table for table in tables if table.rows]
 
 
 def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
@@ -71,13 +76,16 @@ def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
                 numbers["hota"] = float("nan")
             rows.append((run.title, label, *(numbers[name] for _, name in figures)))
     columns = (Column("run"), Column("class"), *(Column(name) for name, _ in figures))
-    return TextTable("tracking", "Tracking, matched by centre distance", columns, tuple(rows))
+    by = {"distance": "centre distance", "iou": "3-D IoU"}[runs[0].config.match_by]
+    return TextTable("tracking", f"Tracking, matched by {by}", columns, tuple(rows))
 
 
 def velocity_table(runs: Sequence[ScoredRun]) -> TextTable:
     """Tabulate the velocity error of tracks by category, a group of columns per run."""
     names = [f"{run.title}: {part}" for run in runs for part in VELOCITY_PARTS]
     rows: list[tuple[Cell, ...]] = []
+    if not any(run.velocity_error("all").count for run in runs):  # trackers that report none
+        return TextTable("velocity", "Track velocity error, m/s", (Column("tracks"),), ())
     for row in dict.fromkeys(row for run in runs for row in run.scores.velocity):
         cells: list[Cell] = []
         for error in (run.velocity_error(row) for run in runs):
@@ -107,7 +115,9 @@ def timing_table(runs: Sequence[ScoredRun]) -> TextTable:
     """Tabulate the mean wall time of every stage."""
     stages = dict.fromkeys(stage for run in runs for stage in run.stage_ms)
     rows: list[tuple[Cell, ...]] = [
-        (run.title, *(run.stage_ms.get(stage, 0.0) for stage in stages)) for run in runs
+        (run.title, *(run.stage_ms.get(stage, 0.0) for stage in stages))
+        for run in runs
+        if run.stage_ms  # of imported tracks no time is known
     ]
     columns = (Column("run"), *(Column(stage, digits=1) for stage in stages))
     return TextTable(
@@ -156,6 +166,36 @@ def difference_table(parts: Sequence[RunDifferences]) -> TextTable:
     return TextTable(
         "differences", "Differences to the baseline", columns, tuple(rows), f"{METHOD}. {OFFICIAL}"
     )
+
+
+def settings_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Tabulate the settings in which the runs differ, a column per run.
+
+    Of a part of another kind the kind alone is listed: its settings are others altogether.
+    """
+    flat = [flat_settings(run.experiment.resolved()) for run in runs]
+    names = dict.fromkeys(name for settings in flat for name in settings)
+    values = {name: [settings.get(name) for settings in flat] for name in names}
+    other_kind = {g for g in GROUPS if len(set(values.get(f"{g}.kind", ()))) > 1}
+    rows: list[tuple[Cell, ...]] = [
+        (name, *found)
+        for name, found in values.items()
+        if len(set(found)) > 1
+        and (name.endswith(".kind") or name.partition(".")[0] not in other_kind)
+    ]
+    columns = (Column("setting"), *(Column(run.title) for run in runs))
+    return TextTable("settings", "Settings in which the runs differ", columns, tuple(rows))
+
+
+def flat_settings(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return settings by their dotted names, as text; what differs in kind has no other names."""
+    flat: dict[str, str] = {}
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            flat |= flat_settings(value, f"{prefix}{name}.")
+        else:
+            flat[prefix + name] = json.dumps(value, default=str)
+    return flat
 
 
 def leading_differences(parts: Sequence[RunDifferences]) -> Iterator[TextTable]:

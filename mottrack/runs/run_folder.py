@@ -148,14 +148,18 @@ class RunFolder:
     def store(self, run: SceneRun) -> None:
         """Write the results of a scene; the result file last, since it marks the scene finished."""
         result = run.result
-        if run.snapshots:
-            save_snapshots(self.snapshots_file(result.name), run.snapshots)
         save_objects(self.objects_file(result.name), run.objects)
         if run.scene_flow is not None:
             save_sums(self.scene_flow_file(result.name), run.scene_flow)
         seconds = {stage: values.tolist() for stage, values in result.timings_s.items()}
         write_text(self.timings_file(result.name), json.dumps(seconds))
         write_text(self.latency_file(result.name), json.dumps(run.times.as_dict()))
+        self.store_result(result, run.snapshots)
+
+    def store_result(self, result: SceneResult, snapshots: Sequence[Snapshot]) -> None:
+        """Write a result that nobody has timed, and its key frames if there are any."""
+        if snapshots:
+            save_snapshots(self.snapshots_file(result.name), snapshots)
         result.save(self.scene_file(result.name))
 
     def files(self, scene: str) -> dict[str, bytes]:

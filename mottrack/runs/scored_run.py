@@ -120,7 +120,9 @@ class ScoredRun:
         frames, totals_s = 0, dict[str, float]()
         for scene in self.finished:
             result = self.folder.load(scene, flow=False)
-            found += [SceneConcern(scene, concern) for concern in _concerns(result)]
+            # boxes in an image have no heading and no size that could be unlikely
+            concerns = result.concerns if self.dataset == "mot" else _concerns(result)
+            found += [SceneConcern(scene, concern) for concern in concerns]
             frames += len(result.frames)
             for stage, seconds in result.timings_s.items():
                 totals_s[stage] = totals_s.get(stage, 0.0) + float(np.sum(seconds))

@@ -68,7 +68,7 @@ def print_comparison(comparison: Comparison, console: Console | None = None) -> 
     runs = [run for run in comparison.runs if run.report.finished]
     titles = [run.title for run in runs]
     if len(runs) > 1:
-        tables.pop("latency")  # long; it is among the stored tables
+        tables.pop("latency", None)  # long; it is among the stored tables
     for name, parts in (("velocity", VELOCITY_PARTS), ("flow", FLOW_PARTS)):
         if name in tables:
             tables[name] = compact(tables[name], titles, parts)

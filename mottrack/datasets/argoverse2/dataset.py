@@ -20,7 +20,9 @@ from mottrack.datasets.argoverse2.log_files import (
     read_sweep,
     sweep_stamps,
 )
+from mottrack.datasets.detection_files import general_detections, is_general, located, relabelled
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import (
     SWEEP_OR_OPTION,
     checked_index,
@@ -123,9 +125,7 @@ class Argoverse2Scene:
     def detections_at(self) -> Path:
         """The file of detections; the root where none was named."""
         root, path = self._config.root, self._config.detections
-        if path is None:
-            return root
-        return path if path.is_file() else root / path
+        return root if path is None else located(root, path)
 
     @property
     def _annotation_file(self) -> Path:
@@ -167,4 +167,16 @@ class Argoverse2Scene:
     def _detections(self) -> DetectionTable | None:
         if self._config.detections is None:
             return None
+        if is_general(self._config.detections) or self.detections_at.is_dir():
+            return self._general_detections()
         return read_log_detections(self.detections_at, self.name, self._poses, self._config)
+
+    def _general_detections(self) -> DetectionTable | None:
+        poses = self._poses.frames
+        stamps = tuple(poses)
+        names = tuple((str(stamp),) for stamp in stamps)
+        frames = SceneFrames(self.name, names, stamps, tuple(poses.values()))
+        table = general_detections(self.detections_at, frames, self._config.detector)
+        if table is None:
+            return None
+        return relabelled(table, self._config.class_map, self.detections_at)

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from mottrack.core import DataError, Frame, Sweep, TruthTable
+from mottrack.datasets.detection_files import general_detections, located
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.log_files import (
     is_lost,
@@ -16,6 +17,7 @@ from mottrack.datasets.folder.log_files import (
     sweep_file,
 )
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
 from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.files import existing_folder, present
@@ -109,6 +111,8 @@ class FolderScene:
     @property
     def detections_at(self) -> Path:
         """The log's file of detections."""
+        if self._config.detections is not None:
+            return located(self._config.root, self._config.detections)
         return self._folder / "detections.csv"
 
     def _stamp_ns(self, index: int) -> int:
@@ -122,4 +126,9 @@ class FolderScene:
     @cached_property
     def _detections(self) -> DetectionTable | None:
         path = self.detections_at
+        if self._config.detections is not None:
+            names = tuple((str(stamp),) for stamp in self._stamps)
+            poses = tuple(self._poses.values())
+            frames = SceneFrames(self.name, names, tuple(self._stamps), poses)
+            return general_detections(path, frames, self._config.detector)
         return read_detections_csv(path, self._poses) if present(path) else None
