@@ -231,7 +231,7 @@ def test_commands_of_the_documentation(
         data = mini if small else rehearsal
         words = shlex.split(line, comments=True)[1:]
         words = [re.sub(r"(path/to/nuscenes|\bD)$", str(data.root), word) for word in words]
-        words = [re.sub(r"=detections\.json$", f"={DETECTIONS}", word) for word in words]
+        words = [re.sub(r"=(detections|result)\.json$", f"={DETECTIONS}", word) for word in words]
         words = ["submission.json" if word == "tracks.json" else word for word in words]
         if words[0] == "eval":
             split = ["--split", str(data.split)]

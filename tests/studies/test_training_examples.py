@@ -40,6 +40,6 @@ def test_parts_make_what_one_machine_makes(tmp_path: Path) -> None:
 
 
 def test_a_process_that_dies_is_told_in_a_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"its process died .* the same command makes what is"):
+    with pytest.raises(ConfigError, match=r"its process died.* the same command makes what is"):
         make_examples(config("killed"), tmp_path, lambda *_: None)
     assert not (tmp_path / COMPLETE).exists()

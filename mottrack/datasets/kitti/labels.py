@@ -10,6 +10,7 @@ from mottrack.core.errors import DataError
 from mottrack.datasets.kitti.boxes import CameraBoxes
 from mottrack.formats.checks import check_ego_places, check_headings, check_sizes
 from mottrack.formats.columns import Columns, ColumnSpec, specs
+from mottrack.formats.faults import MissingError
 from mottrack.formats.kitti_rows import (
     DONT_CARE,
     IMAGE_BOX,
@@ -82,6 +83,8 @@ def read_object_folder(folder: Path) -> Columns:
         table = table.extended(frame=np.full(len(table), int(path.stem)))
         _check_boxes(table)
         tables.append(table)
+    if not tables:
+        raise MissingError(folder, "files of frames", "none", "<frame>.txt with its detections")
     names = ("frame", "type", *IMAGE_BOX, "score", "h", "w", "l", "x", "y", "z", "ry")
     arrays = {name: np.concatenate([table[name] for table in tables]) for name in names}
     return Columns(folder, arrays, np.arange(len(arrays["frame"])), lambda n, i: f"{n} of row {i}")
