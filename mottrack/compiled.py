@@ -14,6 +14,10 @@ import numba
 P = ParamSpec("P")
 R = TypeVar("R")
 
+COMPILING_S = 40.0
+"""CPU time of the first `mottrack demo` that goes into compilation, told to who waits for it: as
+`mottrack warm` measured it on a 2-core machine."""
+
 
 @overload
 def compiled(function: Callable[P, R], /) -> Callable[P, R]: ...
@@ -43,6 +47,20 @@ def compiled(function: Callable[P, R] | None = None, /, **options: Any) -> Any:
         return numba.njit(cache=folder is not None, **options)(function)
 
     return decorate if function is None else decorate(function)
+
+
+def on_compilation(tell: Callable[[], None]) -> None:
+    """Call ``tell`` whenever this process begins to compile what no cache holds."""
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]  # numba has no types
+        def on_start(self, _: Any) -> None:
+            tell()
+
+        def on_end(self, _: Any) -> None:
+            pass
+
+    event.register("numba:compile", Listener())
 
 
 def temporary_cache() -> Path | None:

@@ -3,21 +3,53 @@
 from __future__ import annotations
 
 import sys
+from typing import Annotated
 
 import typer
 
-from mottrack.cli import data, eval, machines, noise, paper, report, run, stress, train, view
-from mottrack.cli.arguments import EXIT_USER_ERROR
+from mottrack.cli import (
+    configs,
+    data,
+    eval,
+    machines,
+    noise,
+    paper,
+    report,
+    run,
+    stress,
+    train,
+    view,
+)
+from mottrack.cli.arguments import EXIT_USER_ERROR, FullHelpGroup
 
 app = typer.Typer(
     name="mottrack",
+    cls=FullHelpGroup,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help starts in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (run, machines, report, paper, view, eval, data, train, noise, stress):
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from mottrack._version import __version__
+
+        typer.echo(f"mottrack {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog="Example: mottrack demo --quick")
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")
+    ] = False,
+) -> None:
+    pass
+
+
+for group in (run, configs, machines, report, paper, view, eval, data, train, noise, stress):
     group.register(app)
 
 

@@ -58,13 +58,14 @@ def capabilities(  # noqa: PLR0913
 
 
 def _of_runs(paths: list[Path]) -> dict[str, list[Scene]]:
-    from mottrack.core.errors import ResultError
+    from mottrack.core.errors import ResultError, require_exists
     from mottrack.eval.capabilities.tracking import of_results
     from mottrack.experiment.experiment import load_experiments
     from mottrack.runs.run_folder import RunFolder
 
     found: dict[str, list[Scene]] = {}
     for path in paths:
+        require_exists(path)
         folders = [path] if (path / "config.yaml").exists() else sorted(path.glob("*/config.yaml"))
         if not folders:
             raise ResultError(path, "content", "no config.yaml", "the folder of a run")

@@ -104,12 +104,13 @@ def submit(
 
     Example: mottrack submit out/val --root path/to/nuscenes --out submission.json
     """
-    from mottrack.core.errors import DataError
+    from mottrack.core.errors import DataError, require_exists
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes
     from mottrack.datasets.nuscenes.submission import Samples, write_submission
     from mottrack.runs.run_folder import RunFolder
 
+    require_exists(run)
     folder = RunFolder(run)
     if not folder.scenes:
         raise DataError(run, "scenes", "none", "scenes/<scene>.npz of a finished run")

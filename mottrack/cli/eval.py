@@ -5,12 +5,17 @@ from typing import Annotated, Literal
 
 import typer
 
-from mottrack.cli.arguments import Strict
+from mottrack.cli.arguments import FullHelpGroup, Strict
 from mottrack.cli.capabilities import capabilities
 from mottrack.cli.sceneflow import sceneflow
 from mottrack.cli.warn import exit_with_warnings, warn_of
 
-group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
+group = typer.Typer(
+    help="Evaluate result files by the official rules.",
+    cls=FullHelpGroup,
+    no_args_is_help=True,
+    epilog="Example: mottrack eval kitti --labels label_02 --tracks results --out out/eval",
+)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 
@@ -53,6 +58,8 @@ def nuscenes(  # noqa: PLR0913
     """Compute the nuScenes tracking metrics (AMOTA, ...), equal to the devkit's.
 
     The velocity error of the tracks by category comes with them.
+
+    Example: mottrack eval nuscenes --dataroot D --submission tracks.json --out out/eval
     """
     from mottrack.eval.nuscenes import command
     from mottrack.eval.nuscenes.rules import Rules
@@ -87,7 +94,10 @@ def kitti(  # noqa: PLR0913
     ] = None,
     strict: Strict = False,
 ) -> None:
-    """Evaluate one class by the KITTI 3-D MOT protocol of AB3DMOT (sAMOTA, AMOTA, ...)."""
+    """Evaluate one class by the KITTI 3-D MOT protocol of AB3DMOT (sAMOTA, AMOTA, ...).
+
+    Example: mottrack eval kitti --labels label_02 --tracks results --class Car --out out/eval
+    """
     from mottrack.eval.kitti import files
     from mottrack.eval.kitti.matching import DEFAULT_IOU, KittiRules
 
@@ -109,7 +119,10 @@ def mot(
     iou: Annotated[float, typer.Option(min=0.01, max=1.0, help="Least overlap of a match.")] = 0.5,
     strict: Strict = False,
 ) -> None:
-    """Compute CLEAR, IDF1 and HOTA on MOTChallenge text files."""
+    """Compute CLEAR, IDF1 and HOTA on MOTChallenge text files.
+
+    Example: mottrack eval mot --truth gt.txt --tracks result.txt --out out/eval
+    """
     from mottrack.core.errors import InputError
     from mottrack.eval import mot as evaluation
 

@@ -87,12 +87,17 @@ class Bottleneck:
 
 @dataclass(frozen=True)
 class LatencyReport:
-    """Latency of the last steps against the time between two sweeps. Print it for a table."""
+    """Latency of the last steps against the time between two sweeps. Print it for a table.
+
+    The one definition of latency here: the wall time of a step in which every stage ran, reading
+    of files and the warm-up left out. Steps between key frames, and the first ones of a scene,
+    which have no earlier sweep, do a part of the work only and do not count.
+    """
 
     budget_ms: float
     """Time between two sweeps."""
     steps: int
-    """Number of steps, without those of the warm-up."""
+    """Number of steps in which every stage ran, without those of the warm-up."""
     stages: dict[str, StageLatency]
     """By stage, a part of one as ``stage.part``; ``total`` is the whole step."""
     over_budget: int
@@ -165,15 +170,17 @@ class StepTimes:
         return asdict(self)
 
     def report(self) -> LatencyReport:
-        """Summarise the steps."""
-        times = {s: [t[s] for t in self.steps if s in t] for s in _in_order(self.warm_up_s)}
-        late = [step for step in self.steps if step[TOTAL] > self.period_s]
+        """Summarise the steps in which every stage ran."""
+        stages = {name for name in self.warm_up_s if "." not in name}
+        steps = [step for step in self.steps if stages <= step.keys()]
+        times = {s: [t[s] for t in steps if s in t] for s in _in_order(self.warm_up_s)}
+        late = [step for step in steps if step[TOTAL] > self.period_s]
         return LatencyReport(
             budget_ms=1e3 * self.period_s,
-            steps=len(self.steps),
+            steps=len(steps),
             stages={stage: StageLatency.of(seconds) for stage, seconds in times.items() if seconds},
             over_budget=len(late),
-            bottleneck=_bottleneck(late or self.steps),
+            bottleneck=_bottleneck(late or steps),
             warm_up_ms={stage: 1e3 * spent_s for stage, spent_s in self.warm_up_s.items()},
         )
 
@@ -212,7 +219,7 @@ class LatencyLog:
         return StepTimes(period_s or self._budget_s, list(self._steps), dict(self._warm_up_s))
 
     def report(self) -> LatencyReport:
-        """Summarise the kept steps."""
+        """Summarise the kept steps in which every stage ran."""
         return self.times().report()
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mottrack.core.errors import ConfigError, ResultError
+from mottrack.core.errors import ConfigError, ResultError, require_exists
 from mottrack.core.storage import write_text
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.stored import stored_experiment
@@ -109,9 +109,10 @@ def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
         baseline: title of the baseline run, or part of it; by default the first run.
 
     Raises:
-        ConfigError: the folder holds no run with a finished scene.
+        ConfigError: the folder does not exist, or holds no run with a finished scene.
         ResultError: a stored result is damaged.
     """
+    require_exists(folder)
     notes = _notes(folder)
     runs = [_load_run(folder, variant, notes.get(variant, {})) for variant in _variants(folder)]
     runs = [run for run in runs if run.finished]

@@ -15,10 +15,10 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import cast
 
+from mottrack.compiled import on_compilation
 from mottrack.core.processes import available_cores, end_with_parent
 from mottrack.runs.tasks import (
     DIED,
-    FRAMES_PER_MESSAGE,
     THREAD_VARIABLES,
     Job,
     Outcome,
@@ -26,7 +26,11 @@ from mottrack.runs.tasks import (
     Task,
     Work,
     attempt,
+    seldom,
 )
+
+COMPILING = "compiling"
+"""Message of a worker that compiles a function; other messages are tuples and lists."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +106,10 @@ class _Pool:
         if isinstance(message, list):
             self._end(message)
             self._give_task(worker)
+        elif message == COMPILING:
+            self.progress.compiling()
         else:
-            self.progress.frames(task.scene, *message)
+            self.progress.frames(task.frames(*message))
 
     def terminate(self) -> None:
         """Terminate every process, busy or idle."""
@@ -140,11 +146,12 @@ class _Pool:
 def _serve(connection: Connection, work: Work) -> None:
     """Work on one task after the other until the parent closes the connection."""
 
-    def on_frame(done: int, total: int) -> None:
-        if done % FRAMES_PER_MESSAGE == 0 or done == total:
-            connection.send((done, total))
+    def tell(done: int, total: int) -> None:
+        connection.send((done, total))
 
+    on_frame = seldom(tell)
     end_with_parent()
+    on_compilation(lambda: connection.send(COMPILING))
     while True:
         try:
             connection.send(attempt(work, connection.recv(), on_frame))

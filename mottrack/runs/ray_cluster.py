@@ -22,14 +22,15 @@ from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.tasks import (
     ATTEMPTS,
     DIED,
-    FRAMES_PER_MESSAGE,
     THREAD_VARIABLES,
+    FramesDone,
     Job,
     Outcome,
     Progress,
     Task,
     Work,
     attempt,
+    seldom,
 )
 
 POLL_S = 0.5
@@ -242,8 +243,8 @@ class _Driver:
             told = self.ray.get(self.board.drain.remote(), timeout=POLL_S)
         except (self.ray.exceptions.RayError, TimeoutError):
             return  # the board is for the eye alone
-        for scene, (done, total) in told.items():
-            self.progress.frames(scene, done, total)
+        for done in told:
+            self.progress.frames(done)
 
 
 def _require_answer(address: str) -> None:
@@ -279,16 +280,16 @@ class _Board:
     """An actor that gathers the progress of all tasks."""
 
     def __init__(self) -> None:
-        self._last: dict[str, tuple[int, int]] = {}
+        self._last: dict[tuple[str, tuple[Path, ...]], FramesDone] = {}
 
-    def tell(self, scene: str, done: int, total: int) -> None:
+    def tell(self, done: FramesDone) -> None:
         """Note how many frames of a scene are done."""
-        self._last[scene] = done, total
+        self._last[done.scene, done.folders] = done
 
-    def drain(self) -> dict[str, tuple[int, int]]:
+    def drain(self) -> list[FramesDone]:
         """Return what is new."""
         last, self._last = self._last, {}
-        return last
+        return list(last.values())
 
 
 class _Needs(NamedTuple):
@@ -353,10 +354,10 @@ def _run_task(task: Task, work: Work, place: _Place) -> Done:
     if unmet:
         return Done(task.failed(f"node {node}: {unmet}"), [], 0)
 
-    def on_frame(done: int, total: int) -> None:
-        if done % FRAMES_PER_MESSAGE == 0 or done == total:
-            place.board.tell.remote(f"{task.scene}@{node}", done, total)
+    def tell(done: int, total: int) -> None:
+        place.board.tell.remote(task.frames(done, total, node))
 
+    on_frame = seldom(tell)
     if place.store:
         return Done(attempt(work, task, on_frame), [], _peak_bytes())
     with tempfile.TemporaryDirectory() as name:

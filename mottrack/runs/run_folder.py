@@ -15,7 +15,7 @@ import yaml
 
 import mottrack
 from mottrack.core.arrays import F64
-from mottrack.core.errors import ConfigError, DataError, ResultError, unknown_name
+from mottrack.core.errors import ConfigError, DataError, ResultError, require_exists, unknown_name
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
 from mottrack.core.storage import discard_unfinished, write_bytes, write_text
@@ -246,9 +246,10 @@ def stored_scenes(run: Path) -> tuple[str, ...]:
     """Return the finished scenes of a run, in order; those with stored key frames first.
 
     Raises:
-        ConfigError: the folder holds several runs.
+        ConfigError: the folder does not exist, or holds several runs.
         ResultError: it holds none, or no scene of it is finished.
     """
+    require_exists(run)
     folder = RunFolder(run)
     if not folder.config_file.exists():
         inside = sorted(path.parent.name for path in run.glob("*/config.yaml"))

@@ -6,8 +6,6 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from mottrack.core.concerns import SceneConcern, summaries
 from mottrack.core.result import SceneResult
 from mottrack.datasets.plausibility.seen import SeenScene
@@ -20,6 +18,9 @@ from mottrack.experiment.overrides import GROUPS
 from mottrack.pipeline.latency import LatencyReport, StepTimes
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import RunReport
+
+TRUE_FLOW = "ground_truth"
+"""The flow source that is given the truth."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,16 @@ class ScoredRun:
     def finished(self) -> tuple[str, ...]:
         """Names of the scenes with a result."""
         return self.report.finished
+
+    @property
+    def given_truth(self) -> bool:
+        """Whether its flow is the truth: an upper bound, no method."""
+        return self.experiment.flow.kind == TRUE_FLOW
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there was any truth to score it against."""
+        return self.scores.overall.clear.truth > 0
 
     @property
     def config(self) -> ScoreConfig:
@@ -88,17 +99,8 @@ class ScoredRun:
         return score(self.results, self.config, self.memo)
 
     @cached_property
-    def stage_ms(self) -> dict[str, float]:
-        """Mean wall time of each stage per key frame, milliseconds."""
-        results = self.results
-        stages = dict.fromkeys(stage for result in results for stage in result.timings_s)
-        frames = max(sum(len(result.frames) for result in results), 1)
-        totals = {s: sum(np.sum(r.timings_s.get(s, 0.0)) for r in results) for s in stages}
-        return {stage: 1e3 * float(total) / frames for stage, total in totals.items()}
-
-    @cached_property
     def latency(self) -> LatencyReport | None:
-        """Of every step against the time between two sweeps; None where it was not stored."""
+        """Of its steps against the time between two sweeps; None where it was not stored."""
         times = [times for scene in self.finished if (times := self.folder.times(scene))]
         return StepTimes.joined(times).report() if times else None
 
@@ -115,7 +117,6 @@ class ScoredRun:
             "config_hash": self.experiment.hash,
             "scenes": list(self.finished),
             "failed": self.report.failed,
-            "stage_ms": self.stage_ms,
             "latency": None if self.latency is None else asdict(self.latency),
             "metrics": self.scores.as_dict(),
         }

@@ -1,11 +1,9 @@
-import io
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from mottrack.core import ConfigError, DataError
 from mottrack.core.snapshot import load_snapshots
@@ -19,7 +17,7 @@ from mottrack.runs.comparison_tables import comparison_tables
 from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, run_experiment
-from mottrack.runs.terminal import print_comparison
+from mottrack.runs.terminal import comparison_text
 
 HERE = Path("experiment.yaml")
 
@@ -195,9 +193,10 @@ def test_a_run_reports_its_latency(tmp_path: Path, progress) -> None:
     assert 10 <= report.steps <= 14  # of 2 x 8 steps those in which no stage ran first
     table = {t.name: t for t in comparison_tables(comparison)}["latency"]
     assert [row[1] for row in table.rows][-1] == "total"
-    shown = io.StringIO()
-    print_comparison(comparison, Console(file=shown, width=140))
-    assert f"of {report.steps} steps over it" in shown.getvalue()
+    assert f"/{report.steps}" in "\n".join(comparison_text(comparison, 80))
+    assert f"of {report.steps} steps over it" in "\n".join(
+        comparison_text(comparison, 80, full=True)
+    )
     assert load_comparison(tmp_path).runs[0].latency == report
 
 
