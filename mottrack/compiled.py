@@ -14,6 +14,8 @@ import numba
 P = ParamSpec("P")
 R = TypeVar("R")
 
+OPTIONS = {"no_cfunc_wrapper": True}
+"""A wrapper by which C would call a function costs a second compilation, and nobody calls so."""
 COMPILING_S = 40.0
 """CPU time of the first `mottrack demo` that goes into compilation, told to who waits for it: as
 `mottrack warm` measured it on a 2-core machine."""
@@ -37,6 +39,7 @@ def compiled(function: Callable[P, R] | None = None, /, **options: Any) -> Any:
         function: the function to compile, when the decorator is used without parentheses.
         options: options of `numba.njit`, such as ``parallel`` or ``fastmath``.
     """
+    options = {**OPTIONS, **options}
 
     def decorate(function: Callable[P, R]) -> Any:
         try:

@@ -39,6 +39,17 @@ class Experiment:
         return self.variant or f"{self.flow.kind}+{self.tracker.kind}"
 
     @property
+    def name(self) -> str:
+        """Name of the experiment; of the data set where the file's own was replaced."""
+        return self.settings.name or self.data
+
+    @property
+    def data(self) -> str:
+        """Data set and the name of its folder."""
+        root = self.dataset.resolved().get("root")
+        return f"{self.dataset.kind}: {Path(str(root)).name}" if root else self.dataset.kind
+
+    @property
     def parts(self) -> tuple[Part, ...]:
         """Dataset, objects, flow and tracker."""
         return self.dataset, self.objects, self.flow, self.tracker
@@ -145,6 +156,9 @@ def _compose_one(
     for key, value in choices:
         if key not in GROUPS:
             set_key(tree, key, value)
+    if _kind(tree["dataset"]) != _kind(base.get("dataset")) and "dataset" in base:
+        keys = {key for key, _ in choices}
+        tree["name"] = tree.get("name", "") if "name" in keys else ""  # it names the file's data
     try:
         parts = {group: load_part(group, tree.pop(group)) for group in GROUPS}
         settings = Settings.model_validate(tree)
@@ -153,6 +167,10 @@ def _compose_one(
     except ValidationError as error:
         raise ConfigError(f"{path}: {format_validation_error(error, _WholeFile)}") from error
     return Experiment(**parts, settings=settings, variant=variant)
+
+
+def _kind(choice: Any) -> Any:
+    return choice.get("kind") if isinstance(choice, Mapping) else choice
 
 
 DEFAULTS = {

@@ -74,7 +74,7 @@ class Analysis:
     def of(cls, run: ScoredRun) -> Analysis:
         """Analyse the stored results of a run."""
         scored = [run.memo(scored_part, result, run.config) for result in run.results]
-        return cls(ClassAnalysis.of(run, scored), _velocity(run), Timing.of(run.results))
+        return cls(ClassAnalysis.of(run, scored), _velocity(run), Timing.of(run.latency))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for the scripts of the page."""

@@ -46,12 +46,15 @@ def closing_text(comparison: Comparison) -> Iterator[str]:
 
 def heading(runs: Sequence[ScoredRun]) -> str:
     """Return the name of the experiment and what all its runs have in common."""
-    first = runs[0].experiment
+    return printable(f"{runs[0].experiment.name}: {in_common(runs)}")
+
+
+def in_common(runs: Sequence[ScoredRun]) -> str:
+    """Return the numbers of runs and scenes, and the parts that all runs have in common."""
     groups = ("dataset", "objects", "flow", "tracker")
     kinds = [{run.experiment.parts[k].kind for run in runs} for k in range(len(groups))]
     same = [f"{name} {one.pop()}" for name, one in zip(groups, kinds, strict=True) if len(one) == 1]
     scenes = len({scene for run in runs for scene in run.finished})
     counts = [f"{len(runs)} run{'s' if runs[1:] else ''}"]
     counts.append(f"{scenes} scene{'s' if scenes > 1 else ''}")
-    name = f"{first.settings.name}: " if first.settings.name else ""
-    return printable(f"{name}{', '.join([*counts, *same])}")
+    return printable(", ".join([*counts, *same]))
