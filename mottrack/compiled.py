@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, overload
 
@@ -16,7 +17,7 @@ R = TypeVar("R")
 
 OPTIONS = {"no_cfunc_wrapper": True}
 """A wrapper by which C would call a function costs a second compilation, and nobody calls so."""
-COMPILING_S = 40.0
+COMPILING_S = 75.0
 """CPU time of the first `mottrack demo` that goes into compilation, told to who waits for it: as
 `mottrack warm` measured it on a 2-core machine."""
 
@@ -30,6 +31,9 @@ def compiled(function: Callable[P, R] | None = None, /, **options: Any) -> Any:
 
     The cache is `NUMBA_CACHE_DIR`, else the function's own folder, else the user's cache folder,
     else `temporary_cache`; where nothing can be written, each process compiles again.
+
+    Copy arrays element by element: `target[a:b] = source` compiles numba's text of the error for
+    unequal shapes, one to two seconds in every function that does so.
 
     numba ships no types: its own decorator turns a function into `Any`, and a call with wrong
     arguments is found only when it is compiled. The function must not use `self`, and its callees
@@ -52,8 +56,15 @@ def compiled(function: Callable[P, R] | None = None, /, **options: Any) -> Any:
     return decorate if function is None else decorate(function)
 
 
-def on_compilation(tell: Callable[[], None]) -> None:
-    """Call ``tell`` whenever this process begins to compile what no cache holds."""
+def cache_place(function: Any) -> Path | None:
+    """Return the folder in which a compiled function is kept between processes; None: nowhere."""
+    path = function.stats.cache_path
+    return None if path is None else Path(path)
+
+
+@contextmanager
+def compilation_told(tell: Callable[[], None]) -> Iterator[None]:
+    """Call ``tell`` whenever this process begins to compile, in the block, what no cache holds."""
     from numba.core import event
 
     class Listener(event.Listener):  # type: ignore[misc]  # numba has no types
@@ -63,7 +74,8 @@ def on_compilation(tell: Callable[[], None]) -> None:
         def on_end(self, _: Any) -> None:
             pass
 
-    event.register("numba:compile", Listener())
+    with event.install_listener("numba:compile", Listener()):
+        yield
 
 
 def temporary_cache() -> Path | None:

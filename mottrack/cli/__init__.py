@@ -19,6 +19,7 @@ from mottrack.cli import (
     stress,
     train,
     view,
+    warm,
 )
 from mottrack.cli.arguments import EXIT_USER_ERROR, FullHelpGroup
 
@@ -49,7 +50,7 @@ def _options(
     pass
 
 
-for group in (run, configs, machines, report, paper, view, eval, data, train, noise, stress):
+for group in (run, configs, warm, machines, report, paper, view, eval, data, train, noise, stress):
     group.register(app)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mottrack.core.pictures import table as html_table
 from mottrack.core.printed import printable
 from mottrack.core.storage import write_text
 
@@ -78,6 +79,11 @@ class TextTable:
             [column.text(cell) for column, cell in zip(self.columns, row, strict=True)]
             for row in self.rows
         ]
+
+    def _repr_html_(self) -> str:
+        """Return the table for notebooks."""
+        head = [column.name for column in self.columns]
+        return html_table(self.title, head, self.texts(), self.note)
 
 
 def to_csv(table: TextTable) -> str:

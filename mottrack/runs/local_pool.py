@@ -15,7 +15,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import cast
 
-from mottrack.compiled import on_compilation
+from mottrack.compiled import compilation_told
 from mottrack.core.processes import available_cores, end_with_parent
 from mottrack.runs.tasks import (
     DIED,
@@ -151,12 +151,12 @@ def _serve(connection: Connection, work: Work) -> None:
 
     on_frame = seldom(tell)
     end_with_parent()
-    on_compilation(lambda: connection.send(COMPILING))
-    while True:
-        try:
-            connection.send(attempt(work, connection.recv(), on_frame))
-        except (EOFError, BrokenPipeError, ConnectionResetError):
-            return  # the parent has ended
+    with compilation_told(lambda: connection.send(COMPILING)):
+        while True:
+            try:
+                connection.send(attempt(work, connection.recv(), on_frame))
+            except (EOFError, BrokenPipeError, ConnectionResetError):
+                return  # the parent has ended
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import yaml
 
-import mottrack
+from mottrack._version import __version__
 from mottrack.core.arrays import F64
 from mottrack.core.errors import ConfigError, DataError, ResultError, require_exists, unknown_name
 from mottrack.core.result import SceneResult
@@ -32,7 +32,7 @@ RESULT, SNAPSHOTS = ".npz", ".snapshots.npz"
 MOST_NAME = 200
 """Characters of a scene's name: file names have 255 bytes, the suffix and a temporary name too."""
 _SECONDS = ColumnSpec("seconds")
-PACKAGE = Path(mottrack.__file__).parent
+PACKAGE = Path(__file__).resolve().parents[1]
 SOURCES = (
     "core",
     "lidar",
@@ -295,7 +295,7 @@ def code_and_weights(parts: Sequence[Part]) -> dict[str, str]:
     plug_ins = [part.cls for part in parts if ":" in part.kind]
     sources = sorted({Path(file) for cls in plug_ins if (file := inspect.getsourcefile(cls))})
     return {
-        "version": mottrack.__version__,
+        "version": __version__,
         "code": hashlib.sha256((_package_digest() + _digest(sources)).encode()).hexdigest(),
         **{f"weights {file.name}": _digest([file]) for file in files},
     }

@@ -39,6 +39,9 @@ class ScoredRun:
         default_factory=dict, init=False, repr=False, compare=False
     )
 
+    def __repr__(self) -> str:
+        return f"ScoredRun({self.title}, {len(self.finished)} scenes, {self.folder.path})"
+
     @property
     def title(self) -> str:
         """Name of the run in tables."""
