@@ -37,7 +37,7 @@ def page() -> str:
 
 def _part(group: str, name: str, entry: TableEntry) -> str:
     summary, table_ = paragraphs(entry.summary), _table(model_of(entry), f"{group}.")
-    return f"### {group}={name} {{ #{group}-{name} }}\n\n{summary}\n{table_}"
+    return f'<a id="{group}-{name}"></a>\n\n### {group}={name}\n\n{summary}\n{table_}'
 
 
 def model_of(entry: TableEntry) -> type[BaseModel]:

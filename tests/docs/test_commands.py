@@ -31,10 +31,6 @@ def commands(file: Path, word: str) -> list[list[str]]:
     return [shlex.split(text, comments=True) for text in found]
 
 
-WITHOUT_EXAMPLE = ("mottrack eval nuscenes", "mottrack eval kitti", "mottrack eval mot")
-"""Their examples are in docs/metrics.md."""
-
-
 @pytest.mark.parametrize("text", names(TEXTS))
 def test_commands_of(text: str) -> None:
     for words in commands(REPOSITORY / text, "mottrack"):
@@ -44,9 +40,7 @@ def test_commands_of(text: str) -> None:
 @pytest.mark.usefixtures("page_makers")
 def test_the_help_of_every_command_has_a_valid_example() -> None:
     for name, command in importlib.import_module("command_line").commands():
-        if name in WITHOUT_EXAMPLE:
-            continue
-        example = re.search(rf"^Example: {name} (.*)$", command.help, re.MULTILINE)
+        example = re.search(rf"^Example: {name}(.*)$", command.help, re.MULTILINE)
         assert example, f"the help of {name} has no example"
         check_command(shlex.split(f"{name.removeprefix('mottrack ')} {example[1]}"))
 
