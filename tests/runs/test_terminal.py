@@ -111,6 +111,9 @@ def test_the_conclusion_tells_of_the_significant_run_not_of_the_largest_change()
         "MOTA 0.600 -> 0.500, significantly worse (6 scenes)."
     )
     del found["sure"]
+    flow = difference(MetricKey("flow", "dynamic", "RMSE", "m/s"), 8.0, 1.0, 2.0)
+    shown = conclusion(comparison({"far": (*found["far"], flow)}))
+    assert "not significant; flow RMSE of moving cells 8.000 -> 1.000 m/s, signif" in shown
     assert "0.200 m/s, not significant (6 scenes)" in conclusion(comparison(found))
     one = {"far": (replace(found["far"][0], low=NAN, high=NAN),)}
     assert "of unknown significance (1 scene)" in conclusion(comparison(one, scenes=1))
