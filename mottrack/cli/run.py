@@ -106,6 +106,8 @@ def _run(  # noqa: PLR0913
     talk: Talk,
     baseline: str | None = None,
 ) -> None:
+    if not talk.quiet:  # before the libraries are loaded, which takes a second or more
+        typer.echo(f"{config}: results in {out}")
     from mottrack.experiment.experiment import load_experiments
     from mottrack.runs.comparison import comparison_jobs, run_comparison
     from mottrack.runs.progress import TerminalProgress
