@@ -16,7 +16,8 @@ from pathlib import Path
 
 from mottrack.core.errors import ConfigError
 from mottrack.core.result import SceneResult
-from mottrack.eval.scores import ScoreConfig, Scores, score
+from mottrack.eval.evaluation import score
+from mottrack.eval.scores import ScoreConfig, Scores
 from mottrack.experiment.experiment import load_experiments
 from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
 from mottrack.runs.here import Here

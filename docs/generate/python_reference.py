@@ -27,7 +27,7 @@ PAGES = {
         "mottrack.plot_flow mottrack.plot_scene mottrack.plot_differences "
         "mottrack.runs.comparison.Comparison mottrack.runs.scored_run.ScoredRun "
         "mottrack.experiment.experiment.load_experiments mottrack.pipeline.scene_run.run_scene "
-        "mottrack.eval.scores.score mottrack.eval.flow_error.flow_table "
+        "mottrack.eval.evaluation.score mottrack.eval.flow_error.flow_table "
         "mottrack.eval.velocity_error.velocity_table mottrack.eval.nuscenes.metrics.evaluate",
     ),
     "streaming": (

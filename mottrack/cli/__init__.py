@@ -18,6 +18,7 @@ from mottrack.cli import (
     run,
     stress,
     train,
+    tune,
     view,
     warm,
 )
@@ -50,7 +51,23 @@ def _options(
     pass
 
 
-for group in (run, configs, warm, machines, report, paper, view, eval, data, train, noise, stress):
+GROUPS = (
+    run,
+    configs,
+    warm,
+    machines,
+    report,
+    paper,
+    view,
+    eval,
+    data,
+    train,
+    noise,
+    stress,
+    tune,
+)
+"""In the order of the help."""
+for group in GROUPS:
     group.register(app)
 
 

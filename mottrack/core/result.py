@@ -23,6 +23,13 @@ TABLES: dict[str, type[Table]] = {
     "tracks": TrackTable,
     "flow": FlowSamples,
 }
+BOXES = (
+    *("format", "name", "classes", "hull_xy_m"),
+    *(f"{prefix}.{c}" for prefix, kind in TABLES.items() if prefix != "flow" for c in kind.COLUMNS),
+)
+"""Arrays of a stored result without the samples of its flow."""
+NO_FLOW = FlowSamples.empty()
+"""Stands for samples that are not read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +126,20 @@ class SceneResult:
         write_arrays(Path(path), arrays)
 
     @classmethod
-    def load(cls, path: Path | str) -> SceneResult:
+    def load(cls, path: Path | str, *, flow: bool = True) -> SceneResult:
         """Read what ``save`` wrote.
+
+        Args:
+            path: of the file.
+            flow: whether to read the samples of the flow, most of the file.
 
         Raises:
             ResultError: the file is missing, damaged, or of another version.
         """
         path = Path(path)
-        arrays = read_arrays(path)
+        arrays = read_arrays(path, None if flow else BOXES)
+        if not flow:
+            arrays |= {f"flow.{c}": getattr(NO_FLOW, c) for c in FlowSamples.COLUMNS}
         if str(arrays.get("format")) != FORMAT:
             raise ResultError(path, "format", arrays.get("format"), FORMAT)
         try:

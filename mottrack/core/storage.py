@@ -6,6 +6,7 @@ import hashlib
 import io
 import os
 import tempfile
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -69,8 +70,8 @@ def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
     write_bytes(path, data + hashlib.sha256(data).digest())
 
 
-def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """Read what ``write_arrays`` wrote; never unpickle.
+def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """Read what ``write_arrays`` wrote, or the arrays of the wanted names; never unpickle.
 
     Raises:
         ResultError: the file is missing, or a single bit of it has changed.
@@ -84,6 +85,6 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     if stored != actual:
         raise ResultError(path, "checksum", stored.hex()[:12], f"{actual.hex()[:12]} (damaged?)")
     try:
-        return unpacked_npz(data)
+        return unpacked_npz(data, wanted)
     except ValueError as error:
         raise ResultError(path, "content", error, "arrays of mottrack") from error

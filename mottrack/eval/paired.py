@@ -144,36 +144,47 @@ class TailMean:
     """Mean of the largest 5 % of the errors (at least one)."""
 
     error: F64
-    """(N,) ascending."""
+    """(N,) ascending: all errors, or so many of the largest that every tail lies among them."""
     scene: I64
     """(N,) of each error."""
-    scenes: int
+    count: I64
+    """(S,) errors of each scene, the smaller ones included."""
 
     @classmethod
     def of(cls, parts: Sequence[F64]) -> TailMean:
         """Sort the errors of all scenes."""
         error = np.concatenate([np.zeros(0), *parts])
-        scene = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        count = np.array([len(part) for part in parts], np.int64)
+        scene = np.repeat(np.arange(len(parts)), count)
         order = np.argsort(error, kind="stable")
-        return cls(error[order], scene[order], len(parts))
+        return cls(error[order], scene[order], count)
 
     @property
     def present(self) -> Mask:
         """(S,) scenes with errors."""
-        return np.bincount(self.scene, minlength=self.scenes) > 0
+        return self.count > 0
+
+    def holds_tails(self, weights: I64) -> bool:
+        """Return whether the errors here reach down to the end of each resample's tail."""
+        here = weights @ np.bincount(self.scene, minlength=len(self.count))
+        return bool((here >= [_tail(count) for count in (weights @ self.count).tolist()]).all())
 
     def values(self, weights: I64) -> F64:
         """Return the metric of each resample, (B,)."""
         return np.array([self._value(weight) for weight in weights])
 
     def _value(self, weight: I64) -> float:
-        copies = weight[self.scene]
-        count = int(copies.sum())
+        count = int(weight @ self.count)
         if not count:
             return float("nan")
-        tail = max(1, round(WORST_SHARE * count))
-        larger = count - np.cumsum(copies)
-        return float(np.repeat(self.error, np.clip(tail - larger, 0, copies)).mean())
+        copies = weight[self.scene]
+        larger = copies.sum() - np.cumsum(copies)
+        return float(np.repeat(self.error, np.clip(_tail(count) - larger, 0, copies)).mean())
+
+
+def _tail(count: int) -> int:
+    """Return the size of the tail of so many errors; 0 without any."""
+    return max(1, round(WORST_SHARE * count)) if count else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,8 +297,23 @@ def t_interval(value: float, draws: F64, scenes: int) -> tuple[float, float]:
     known = draws[~np.isnan(draws)]
     if scenes < 2 or len(known) < 2 or np.isnan(value):
         return float("nan"), float("nan")
-    quantile = float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))  # of Student's t
-    half_width = quantile * np.sqrt(scenes / (scenes - 1)) * float(known.std())
+    half_width = student_quantile(scenes) * np.sqrt(scenes / (scenes - 1)) * float(known.std())
     if half_width <= ROUNDING_SHARE * np.abs(known).max(initial=0.0):
         half_width = 0.0
     return value - half_width, value + half_width
+
+
+def student_interval(value: float, deviation: float, scenes: int) -> tuple[float, float]:
+    """Return the ends of the 95 % interval of a figure of S scenes; NaN for fewer than two.
+
+    `deviation` is the figure's standard deviation.
+    """
+    if scenes < 2 or not np.isfinite(value):
+        return float("nan"), float("nan")
+    half_width = student_quantile(scenes) * deviation
+    return value - half_width, value + half_width
+
+
+def student_quantile(scenes: int) -> float:
+    """Return how many standard deviations of a mean of S scenes its 95 % interval reaches."""
+    return float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))

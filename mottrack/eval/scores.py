@@ -1,26 +1,24 @@
-"""Scores of a run: all metrics of stored scene results.
+"""Scores of a scene, and what they are made of; those of many scenes are in `evaluation`.
 
 Boxes are matched by the distance of their centres over the ground, or by 3-D IoU, class by class.
 CLEAR, IDF1 and HOTA come from one search for candidate pairs per scene and class; AMOTA and AMOTP
 have rules of their own, and always go by distance.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core import InputError, SceneResult
+from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, Mask
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
-from mottrack.eval.flow_error import FlowError, flow_table
-from mottrack.eval.memo import Memo
-from mottrack.eval.nuscenes.metrics import Curves, Metrics, evaluate_prepared
-from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
+from mottrack.eval.flow_error import FlowError
+from mottrack.eval.nuscenes.metrics import Curves
 from mottrack.eval.nuscenes.racks import outside_racks
 from mottrack.eval.pairs import (
     BoxStream,
@@ -33,12 +31,7 @@ from mottrack.eval.pairs import (
     overlap,
 )
 from mottrack.eval.region import Region
-from mottrack.eval.velocity_error import (
-    ErrorRow,
-    VelocityErrorConfig,
-    velocity_samples,
-    velocity_table,
-)
+from mottrack.eval.velocity_error import ErrorRow, VelocityErrorConfig
 from mottrack.formats.strict_json import strict
 from mottrack.geometry.iou import boxes7, iou_3d
 
@@ -153,25 +146,6 @@ class ScoreFilter:
     """Boxes at least this far from the vehicle are left out, as the official rules do."""
 
 
-def score(
-    results: Sequence[SceneResult], config: ScoreConfig | None = None, memo: Memo | None = None
-) -> Scores:
-    """Return the scores of the scenes together; `memo` shares work with other evaluations.
-
-    Truth counts from the first to the last frame in which its object has a LiDAR return. Where no
-    track carries a class of the truth (clusters), the evaluation is class-agnostic.
-    """
-    config, memo = config or ScoreConfig(), memo or Memo()
-    scored = [memo(scored_part, result, config) for result in results]
-    overall, classes = _tracking(scored, config, memo)
-    parts = [memo(scored_part, result, config, truth=False) for result in results]
-    samples = [memo(velocity_samples, part, config.velocity) for part in parts]
-    declared = {name for result in results for name in result.classes}
-    velocity = velocity_table(samples, config.velocity, declared)
-    flow = [result.flow for result in scored if len(result.flow)]
-    return Scores(overall, classes, velocity, flow_table(flow) if flow else {})
-
-
 def scored_part(result: SceneResult, config: ScoreConfig, *, truth: bool = True) -> SceneResult:
     """Return the boxes that lie where objects are labelled, and in the region if there is one.
 
@@ -179,64 +153,6 @@ def scored_part(result: SceneResult, config: ScoreConfig, *, truth: bool = True)
     """
     labelled = result.where_labelled()
     return labelled if config.region is None else config.region.crop(labelled, truth=truth)
-
-
-def _tracking(
-    results: Sequence[SceneResult], config: ScoreConfig, memo: Memo
-) -> tuple[ClassScores, dict[str, ClassScores]]:
-    """Return the metrics of all classes together and of each class."""
-    pooled = ScoreFilter("")
-    if config.class_agnostic or not class_aware(results):
-        return _class_scores(results, pooled, config), {}
-    rules = rules_for(counted_labels(results))
-    try:
-        official = memo(evaluate_prepared, memo(prepare_results, results, rules), rules)
-    except InputError:  # nothing in range on one side: only counts are defined
-        return _class_scores(results, pooled, config), {}
-    classes = {}
-    for score_filter in _filters(official, config):
-        counted = _class_scores(results, score_filter, config)
-        own = official.classes[score_filter.label]
-        classes[score_filter.label] = replace(counted, amota=own["amota"], amotp_m=own["amotp"])
-    together = _together(classes.values(), config)
-    total = official.total
-    together = replace(together, amota=total["amota"], amotp_m=total["amotp"])
-    if config.match_by == "distance" and config.min_score is None:  # as the official rules do
-        together = replace(together, mean_mota=total["mota"], mean_motp_m=total["motp"])
-    return together, classes
-
-
-def _filters(official: Metrics, config: ScoreConfig) -> list[ScoreFilter]:
-    """Return which boxes of each class its figures are made of."""
-    rules = official.rules
-    return [
-        ScoreFilter(label, best_threshold(official.curves[label], config), range_m)
-        for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
-    ]
-
-
-def score_filters(results: Sequence[SceneResult], config: ScoreConfig) -> list[ScoreFilter]:
-    """Return which boxes the scores of a run are made of: per class, or of all classes at once."""
-    if config.class_agnostic or not class_aware(results):
-        return [ScoreFilter("")]
-    rules = rules_for(counted_labels(results))
-    try:
-        return _filters(evaluate_prepared(prepare_results(results, rules), rules), config)
-    except InputError:
-        return [ScoreFilter("")]
-
-
-def class_aware(results: Iterable[SceneResult]) -> bool:
-    """Return whether any track carries a class of the truth."""
-    return any(np.isin(r.tracks.label, np.unique(r.truth.label)).any() for r in results)
-
-
-def counted_labels(results: Iterable[SceneResult]) -> list[str]:
-    """Return the classes that count: those of the data set, else those in truth or tracks."""
-    listed = list(results)
-    declared = {name for result in listed for name in result.classes}
-    found = {str(n) for r in listed for t in (r.truth, r.tracks) for n in np.unique(t.label)}
-    return sorted(declared & found if declared else found)
 
 
 def best_threshold(curves: Curves, config: ScoreConfig) -> float:
@@ -320,13 +236,8 @@ def scene_scores(
     return ClassScores(counts, *parts, match_by=config.match_by)
 
 
-def _class_scores(
-    results: Iterable[SceneResult], score_filter: ScoreFilter, config: ScoreConfig
-) -> ClassScores:
-    return _together((scene_scores(result, score_filter, config) for result in results), config)
-
-
-def _together(parts: Iterable[ClassScores], config: ScoreConfig) -> ClassScores:
+def together(parts: Iterable[ClassScores], config: ScoreConfig) -> ClassScores:
+    """Return the metrics of several scenes or classes together; AMOTA and AMOTP do not add up."""
     listed = list(parts)
     return ClassScores(
         clear.total(part.clear for part in listed),

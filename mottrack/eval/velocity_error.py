@@ -39,7 +39,8 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64, Mask, Texts
-from mottrack.eval.paired import TailMean, whole
+from mottrack.eval.paired import WORST_SHARE
+from mottrack.eval.streams import Distribution, Wanted
 from mottrack.geometry.iou import bev_corners, boxes7
 
 Polygons = NDArray[np.object_]
@@ -212,7 +213,7 @@ def _side_by_side(bounds_m: F64, frame: I64) -> Polygons:
 
 
 def velocity_table(
-    samples: Iterable[VelocitySamples],
+    samples: Collection[VelocitySamples],
     config: VelocityErrorConfig | None = None,
     classes: Collection[str] = (),
 ) -> dict[str, ErrorRow]:
@@ -220,10 +221,39 @@ def velocity_table(
 
     Where `classes` are given, objects of other labels (an animal, a thrown ball: what no detector
     reports) share one row at the end.
+
+    Args:
+        samples: of each scene; read twice, and not held.
+        config: what stands still, and what is vulnerable.
+        classes: that a detector reports.
     """
-    together = VelocitySamples.stacked(list(samples))
-    masks = category_masks(together, config or VelocityErrorConfig(), classes)
-    return {name: error_row(together.error_mps[mask]) for name, mask in masks.items()}
+    asked = Wanted(quantiles=(0.5, 0.95), largest_share=WORST_SHARE)
+    found = error_distributions(samples, config or VelocityErrorConfig(), classes, asked)
+    return {name: error_row(errors) for name, errors in found.items()}
+
+
+def error_distributions(
+    samples: Collection[VelocitySamples],
+    config: VelocityErrorConfig,
+    classes: Collection[str],
+    asked: Wanted,
+) -> dict[str, Distribution]:
+    """Return the errors of every row of the table; arguments as of `velocity_table`."""
+    found: dict[str, Distribution] = {}
+    for part in (VelocitySamples.stacked([]), *samples):
+        for name, mask in category_masks(part, config, classes).items():
+            found.setdefault(name, Distribution(asked)).count(part.error_mps[mask])
+    for part in samples:
+        for name, mask in category_masks(part, config, classes).items():
+            found[name].add(part.error_mps[mask])
+    return {name: found[name] for name in in_order(found)}
+
+
+def in_order(rows: Iterable[str]) -> list[str]:
+    """Return the rows of the table in its order: categories, "all", classes, `OTHER`."""
+    leading = (*CATEGORIES, "all")
+    place = {name: k for k, name in enumerate(leading)} | {OTHER: len(leading) + 1}
+    return sorted(set(rows), key=lambda name: (place.get(name, len(leading)), name))
 
 
 def category_masks(
@@ -249,14 +279,14 @@ def category_masks(
     return table
 
 
-def error_row(error_mps: F64) -> ErrorRow:
-    """Return the metrics of one set of errors (N,)."""
-    if not len(error_mps):
+def error_row(errors: Distribution) -> ErrorRow:
+    """Return the metrics of one set of errors."""
+    if not errors.size:
         return NO_ROWS
     return ErrorRow(
-        len(error_mps),
-        float(error_mps.mean()),
-        float(np.median(error_mps)),
-        whole(TailMean.of([error_mps])),
-        float(np.quantile(error_mps, 0.95)),
+        errors.size,
+        errors.mean,
+        errors.median,
+        errors.mean_of_largest,
+        errors.quantile(0.95),
     )

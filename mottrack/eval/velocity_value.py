@@ -123,20 +123,57 @@ def value_metrics(
     """Return the metrics of each run over the common rows, on the whole and on every resample.
 
     Args:
-        runs: results by the title of the run, of the same scenes in the same order.
+        runs: results by the title of the run, of the same scenes in the same order; read once, and
+            not held.
         config: what counts as the same object.
         weights: (B, S) how often each scene counts.
     """
-    rows = {title: [object_rows(r, config) for r in results] for title, results in runs.items()}
-    truths = [result.truth for result in next(iter(runs.values()))]
-    common = [_common([rows[title][s].box for title in rows]) for s in range(len(truths))]
-    joint = {t: [part.at(box) for part, box in zip(rows[t], common, strict=True)] for t in rows}
-    same = [_equal([joint[t][s].age for t in joint]) for s in range(len(truths))]
-    speeds = [np.hypot(*t.velocity_mps[b].T) for t, b in zip(truths, common, strict=True)]
-    return {
-        title: dict(_sampled(parts, same, speeds, config, weights))
-        for title, parts in joint.items()
+    sums: dict[str, dict[MetricKey, list[_Sum]]] = {title: {} for title in runs}
+    for results in zip(*runs.values(), strict=True):
+        for title, found in zip(runs, _scene(results, config), strict=True):
+            for key, errors in found.items():
+                own = _Sum(float(errors.sum()), float(len(errors)))
+                sums[title].setdefault(key, []).append(own)
+    return {title: dict(_sampled(parts, weights)) for title, parts in sums.items()}
+
+
+class _Sum(NamedTuple):
+    """Of the errors of a scene."""
+
+    total: float
+    rows: float
+
+
+def _scene(
+    results: Sequence[SceneResult], config: VelocityErrorConfig
+) -> Iterator[dict[MetricKey, F64]]:
+    """Yield the errors of each run in the common rows of a scene, by metric."""
+    rows = [object_rows(result, config) for result in results]
+    box = _common([part.box for part in rows])
+    joint = [part.at(box) for part in rows]
+    same = _equal([part.age for part in joint])
+    speed_mps = np.hypot(*results[0].truth.velocity_mps[box].T)
+    for part in joint:
+        yield dict(_errors(part, same, speed_mps, config))
+
+
+def _errors(
+    part: ObjectRows, same: Mask, speed_mps: F64, config: VelocityErrorConfig
+) -> Iterator[tuple[MetricKey, F64]]:
+    """Yield the errors of one run and scene by metric."""
+    still = speed_mps <= config.stationary_mps
+    masks = {
+        ALL: np.ones(len(speed_mps), np.bool_),
+        STATIONARY: still,
+        SLOW: ~still & (speed_mps <= FAST_MPS),
+        FAST: speed_mps > FAST_MPS,
+        **{f"age {age}": same & (part.age == age) for age in AGES},
+        OLDER: same & (part.age > AGES[-1]),
     }
+    for name, mask in masks.items():
+        yield MetricKey(TABLE, name, "velocity error", "m/s"), part.error_mps[mask]
+    ahead_m = part.prediction_m[np.isfinite(part.prediction_m)]
+    yield MetricKey(TABLE, FAST, "1 s prediction", "m"), ahead_m
 
 
 def _common(boxes: Sequence[I64]) -> I64:
@@ -151,34 +188,13 @@ def _equal(ages: Sequence[I64]) -> Mask:
 
 
 def _sampled(
-    parts: Sequence[ObjectRows],
-    same: Sequence[Mask],
-    speeds: Sequence[F64],
-    config: VelocityErrorConfig,
-    weights: I64,
+    parts: Mapping[MetricKey, Sequence[_Sum]], weights: I64
 ) -> Iterator[tuple[MetricKey, Sampled]]:
-    """Yield the metrics of one run from its common rows (one part a scene)."""
-    still = [speed <= config.stationary_mps for speed in speeds]
-    masks: dict[str, list[Mask]] = {
-        ALL: [np.ones(len(speed), np.bool_) for speed in speeds],
-        STATIONARY: still,
-        SLOW: [~s & (v <= FAST_MPS) for s, v in zip(still, speeds, strict=True)],
-        FAST: [speed > FAST_MPS for speed in speeds],
-    }
-    for age in AGES:
-        masks[f"age {age}"] = [p.age == age for p in parts]
-    masks[OLDER] = [p.age > AGES[-1] for p in parts]
-    for name, chosen in masks.items():
-        by_age = name.startswith("age")
-        kept = [m & s if by_age else m for m, s in zip(chosen, same, strict=True)]
-        errors = [part.error_mps[mask] for part, mask in zip(parts, kept, strict=True)]
-        if any(map(len, errors)):
-            key = MetricKey(TABLE, name, "velocity error", "m/s")
-            yield key, sample(Ratio.mean(errors), weights)
-    ahead = [part.prediction_m[np.isfinite(part.prediction_m)] for part in parts]
-    if any(map(len, ahead)):
-        key = MetricKey(TABLE, FAST, "1 s prediction", "m")
-        yield key, sample(Ratio.mean(ahead), weights)
+    """Yield the metrics of one run that have data, from the sums of each scene."""
+    for key, sums in parts.items():
+        total, count = np.array(sums).T.copy()  # summed column by column
+        if count.any():
+            yield key, sample(Ratio(total, count), weights)
 
 
 def headroom(metric: str, baseline: Sampled, run: Sampled, oracle: Sampled) -> Value | None:

@@ -11,10 +11,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from mottrack._version import __version__
 from mottrack.core.storage import write_text
+from mottrack.formats.html_page import page_templates
 from mottrack.formats.text_table import TextTable, to_csv, to_latex, to_markdown
 from mottrack.paper.claims import MEANING, Finding
 from mottrack.paper.figures import Picture, draw_figures
@@ -176,13 +175,7 @@ def _write_claims(chapters: Sequence[Chapter], path: Path) -> None:
 
 
 def _page(content: dict[str, Any]) -> str:
-    environment = Environment(
-        loader=PackageLoader("mottrack.paper"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_templates("mottrack.paper")
     environment.filters["data_url"] = _data_url
     environment.filters["number"] = number
     styles = files("mottrack.report").joinpath("templates", "css")

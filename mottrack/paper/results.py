@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +14,6 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64
 from mottrack.core.processes import available_cores
-from mottrack.core.result import SceneResult
 from mottrack.core.storage import write_text
 from mottrack.eval.paired import (
     RESAMPLES,
@@ -31,8 +30,9 @@ from mottrack.eval.paired import (
 from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, verdict_of
 from mottrack.paper.plan import Study
-from mottrack.runs.differences import Resamples, sample_runs
+from mottrack.runs.differences import Resamples, common_scenes, sample_runs
 from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.per_scene import PerScene
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
@@ -189,21 +189,21 @@ def _sampling(name: str, runs: Sequence[ScoredRun]) -> Resamples:
 
 
 def _sample_times(runs: Sequence[ScoredRun]) -> Resamples:
-    first = runs[0].finished
-    scenes = tuple(s for s in first if all(s in c.finished for c in runs))
+    scenes = common_scenes(runs)
     weights = draw(max(len(scenes), 1), RESAMPLES)
-    figures = {c.title: flow_times([c.load(s) for s in scenes], weights) for c in runs}
+    timings = {run.title: PerScene(scenes, run.folder.timings) for run in runs}
+    figures = {title: flow_times(own, weights) for title, own in timings.items()}
     return Resamples(scenes, figures)
 
 
-def flow_times(results: Sequence[SceneResult], weights: I64) -> RunMetrics:
+def flow_times(timings_s: Sequence[Mapping[str, F64]], weights: I64) -> RunMetrics:
     """Return mean and variance of the wall time of the flow on every resample of the scenes.
 
     Args:
-        results: S scenes with timings.
+        timings_s: of each of S scenes, per stage (T,) seconds.
         weights: (B, S) how often each scene counts in each resample.
     """
-    parts = [_flow_ms(result) for result in results]
+    parts = [_flow_ms(scene) for scene in timings_s]
     count = np.array([len(part) for part in parts], np.float64)
     total = np.array([part.sum() for part in parts])
     squares = np.array([(part**2).sum() for part in parts])
@@ -214,9 +214,9 @@ def flow_times(results: Sequence[SceneResult], weights: I64) -> RunMetrics:
     }
 
 
-def _flow_ms(result: SceneResult) -> F64:
+def _flow_ms(timings_s: Mapping[str, F64]) -> F64:
     """Return (K,) milliseconds of the flows of a scene after warming up."""
-    seconds = result.timings_s.get("flow", np.zeros(0))
+    seconds = timings_s.get("flow", np.zeros(0))
     return 1e3 * seconds[seconds > 0][WARM_UP_FRAMES:]
 
 

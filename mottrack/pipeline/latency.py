@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ import numpy as np
 from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError, ResultError
 from mottrack.core.timing import clock_s, collect_timings
+from mottrack.eval.streams import Distribution, Wanted
 from mottrack.formats.text_table import aligned
 
 TOTAL = "total"
@@ -67,13 +69,6 @@ class StageLatency:
     p50_ms: float
     p99_ms: float
     max_ms: float
-
-    @classmethod
-    def of(cls, seconds: list[float]) -> StageLatency:
-        """Summarise at least one measured time."""
-        ms = 1e3 * np.array(seconds)
-        p50, p99 = np.percentile(ms, (50, 99))
-        return cls(len(ms), float(ms.mean()), float(p50), float(p99), float(ms.max()))
 
 
 @dataclass(frozen=True)
@@ -157,32 +152,100 @@ class StepTimes:
         except (KeyError, TypeError, ValueError) as error:
             raise ResultError(source, "content", repr(error), "times of a scene") from error
 
-    @classmethod
-    def joined(cls, parts: Sequence[StepTimes]) -> Self:
-        """Join scenes: the shortest period, every step, the longest warm-up of each stage."""
-        stages = {stage for part in parts for stage in part.warm_up_s}
-        longest_s = {s: max(part.warm_up_s.get(s, 0.0) for part in parts) for s in stages}
-        steps = [step for part in parts for step in part.steps]
-        return cls(min(part.period_s for part in parts), steps, longest_s)
-
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, to be stored."""
         return asdict(self)
 
     def report(self) -> LatencyReport:
         """Summarise the steps in which every stage ran."""
+        return latency_report([self])
+
+    @property
+    def whole(self) -> StepTimes:
+        """Those of the steps in which every stage ran; parts of stages may be absent."""
         stages = {name for name in self.warm_up_s if "." not in name}
         steps = [step for step in self.steps if stages <= step.keys()]
-        times = {s: [t[s] for t in steps if s in t] for s in _in_order(self.warm_up_s)}
-        late = [step for step in steps if step[TOTAL] > self.period_s]
-        return LatencyReport(
-            budget_ms=1e3 * self.period_s,
-            steps=len(steps),
-            stages={stage: StageLatency.of(seconds) for stage, seconds in times.items() if seconds},
-            over_budget=len(late),
-            bottleneck=_bottleneck(late or steps),
-            warm_up_ms={stage: 1e3 * spent_s for stage, spent_s in self.warm_up_s.items()},
-        )
+        return StepTimes(self.period_s, steps, self.warm_up_s)
+
+
+def latency_report(scenes: Sequence[StepTimes]) -> LatencyReport:
+    """Summarise the whole steps of scenes, at least one, which are read twice and not held.
+
+    The budget is the shortest period, the warm-up of a stage the longest of any scene.
+    """
+    stages: dict[str, _Stage] = {}
+    period_s, steps = math.inf, 0
+    for times in (scene.whole for scene in scenes):
+        period_s, steps = min(period_s, times.period_s), steps + len(times.steps)
+        for name, spent_s in times.warm_up_s.items():
+            stage = stages.setdefault(name, _Stage())
+            stage.warm_up_s = max(stage.warm_up_s, spent_s)
+        for name, ms in _milliseconds(times).items():
+            stages.setdefault(name, _Stage()).ms.count(ms)
+    late, every = _Spent(), _Spent()
+    for times in (scene.whole for scene in scenes):
+        for name, ms in _milliseconds(times).items():
+            stages[name].add(ms)
+        for step in times.steps:
+            every.add(step)
+            if step[TOTAL] > period_s:
+                late.add(step)
+    return LatencyReport(
+        budget_ms=1e3 * period_s,
+        steps=steps,
+        stages={n: stages[n].summary() for n in _in_order(stages) if stages[n].ms.size},
+        over_budget=late.steps,
+        bottleneck=(late if late.steps else every).bottleneck(),
+        warm_up_ms={n: 1e3 * stages[n].warm_up_s for n in _in_order(stages)},
+    )
+
+
+def _milliseconds(times: StepTimes) -> dict[str, F64]:
+    """Return the times of each stage, over the steps in which it ran."""
+    names = dict.fromkeys(name for step in times.steps for name in step)
+    return {n: 1e3 * np.array([step[n] for step in times.steps if n in step]) for n in names}
+
+
+class _Stage:
+    """Wall time of one stage so far."""
+
+    def __init__(self) -> None:
+        self.warm_up_s = 0.0
+        self.ms = Distribution(Wanted(quantiles=(0.5, 0.99)))
+        self._max_ms = 0.0
+
+    def add(self, ms: F64) -> None:
+        """Take the steps of a scene in the second pass."""
+        self.ms.add(ms)
+        self._max_ms = max(self._max_ms, float(ms.max()))
+
+    def summary(self) -> StageLatency:
+        """Summarise at least one measured time."""
+        ms = self.ms
+        return StageLatency(ms.size, ms.mean, ms.quantile(0.5), ms.quantile(0.99), self._max_ms)
+
+
+class _Spent:
+    """Seconds by stage, parts apart, over some steps."""
+
+    def __init__(self) -> None:
+        self.steps = 0
+        self._totals_s: dict[str, float] = {}
+
+    def add(self, step: Mapping[str, float]) -> None:
+        """Take a step."""
+        self.steps += 1
+        for name, spent_s in step.items():
+            if "." not in name:
+                _add(self._totals_s, name, spent_s)
+
+    def bottleneck(self) -> Bottleneck | None:
+        """Return the stage that took most; None without a step."""
+        stages = {name: spent_s for name, spent_s in self._totals_s.items() if name != TOTAL}
+        if not stages:
+            return None
+        stage = max(stages, key=lambda name: stages[name])
+        return Bottleneck(stage, stages[stage] / self._totals_s.get(TOTAL, 0.0))
 
 
 class LatencyLog:
@@ -231,17 +294,5 @@ def _in_order(stages: Iterable[str]) -> list[str]:
         parts.setdefault(name.partition(".")[0], []).append(name)
     parts.pop(TOTAL, None)
     names = sorted(parts, key=lambda s: ORDER.index(s) if s in ORDER else len(ORDER))
-    return [name for s in names for name in sorted(parts[s], key=lambda n: n != s)] + [TOTAL]
-
-
-def _bottleneck(steps: list[dict[str, float]]) -> Bottleneck | None:
-    totals: dict[str, float] = {}
-    for step in steps:
-        for name, spent_s in step.items():
-            if "." not in name:
-                _add(totals, name, spent_s)
-    whole = totals.pop(TOTAL, 0.0)
-    if not totals:
-        return None
-    stage = max(totals, key=lambda name: totals[name])
-    return Bottleneck(stage, totals[stage] / whole)
+    total = [TOTAL] if TOTAL in found else []
+    return [name for s in names for name in sorted(parts[s], key=lambda n: n != s)] + total

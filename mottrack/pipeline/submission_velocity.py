@@ -20,8 +20,11 @@ from mottrack.eval.nuscenes.command import Request
 from mottrack.eval.nuscenes.submission import Box, Submission, read_submission
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, PairedDifference, draw, paired_all, sample
 from mottrack.eval.run_metrics import velocity_metrics
-from mottrack.eval.scores import ScoreConfig
-from mottrack.eval.velocity_error import velocity_samples, velocity_table
+from mottrack.eval.velocity_error import (
+    VelocityErrorConfig,
+    velocity_samples,
+    velocity_table,
+)
 from mottrack.formats.nuscenes_classes import CLASSES
 from mottrack.formats.rigid import quaternion_yaws
 from mottrack.formats.strict_json import strict
@@ -122,9 +125,11 @@ def _differences(
     first: Sequence[SceneResult], second: Sequence[SceneResult]
 ) -> tuple[PairedDifference, ...]:
     weights = draw(len(first), RESAMPLES)
+    config = VelocityErrorConfig()
+    sides = ([velocity_samples(result) for result in side] for side in (first, second))
     sampled = [
-        {key: sample(metric, weights) for key, metric in velocity_metrics(side, ScoreConfig())}
-        for side in (first, second)
+        {key: sample(m, weights) for key, m in velocity_metrics(side, config, CLASSES, weights)}
+        for side in sides
     ]
     return paired_all(sampled[0], sampled[1])
 

@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from mottrack.core.arrays import Mask
-from mottrack.core.errors import InputError
-from mottrack.core.result import SceneResult
-from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
-from mottrack.eval.nuscenes.metrics import Curves, evaluate_prepared
-from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
-from mottrack.eval.scores import ScoreFilter, best_threshold, scored_part
-from mottrack.eval.velocity_error import (
-    VelocitySamples,
-    category_masks,
-    velocity_samples,
-)
+from mottrack.eval.evaluation import Evaluation
+from mottrack.eval.nuscenes.error_classes import ClassErrors
+from mottrack.eval.nuscenes.metrics import Curves
+from mottrack.eval.scores import ScoreFilter
+from mottrack.eval.streams import Wanted
+from mottrack.eval.velocity_error import error_distributions
 from mottrack.formats.strict_json import strict
 from mottrack.report.timing import Timing
 from mottrack.runs.comparison import ScoredRun
 
 CURVES = ("mota", "precision", "motp", "ids")
-QUANTILES = np.linspace(0.0, 1.0, 101)
+QUANTILES = tuple(np.linspace(0.0, 1.0, 101).tolist())
 """Quantiles by which a distribution is drawn: whole per cent, finer than a pixel of the plot."""
 Curve = dict[str, list[float | None]]
 """Columns of a recall curve by name."""
@@ -42,23 +36,13 @@ class ClassAnalysis:
     """The boxes that the error counts are about."""
 
     @classmethod
-    def of(cls, run: ScoredRun, results: Sequence[SceneResult]) -> ClassAnalysis:
-        """Evaluate the classes of the scored results of a run by the official rules."""
-        labels = list(run.scores.classes)
-        if not labels:
+    def of(cls, run: Evaluation) -> ClassAnalysis:
+        """Evaluate the classes of a run by the official rules."""
+        if run.official is None:
             return cls()
-        rules = rules_for(labels)
-        try:
-            prepared = run.memo(prepare_results, results, rules)
-        except InputError:  # no box of truth or of tracks is in range: there are no curves
-            return cls()
-        found = run.memo(evaluate_prepared, prepared, rules).curves
-        filters = tuple(
-            ScoreFilter(label, best_threshold(found[label], run.config), range_m)
-            for label, range_m in zip(rules.classes, rules.ranges_m, strict=True)
-        )
+        found = run.official.curves
         curves = {label: _curve(curve) for label, curve in found.items() if _reached(curve).any()}
-        return cls(curves, classify_errors(prepared, rules), filters)
+        return cls(curves, run.error_classes, tuple(run.filters))
 
 
 @dataclass(frozen=True)
@@ -73,8 +57,8 @@ class Analysis:
     @classmethod
     def of(cls, run: ScoredRun) -> Analysis:
         """Analyse the stored results of a run."""
-        scored = [run.memo(scored_part, result, run.config) for result in run.results]
-        return cls(ClassAnalysis.of(run, scored), _velocity(run), Timing.of(run.latency))
+        classes = ClassAnalysis.of(run.evaluation)
+        return cls(classes, _velocity(run.evaluation), Timing.of(run.latency))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for the scripts of the page."""
@@ -103,14 +87,12 @@ def _curve(curve: Curves) -> Curve:
     return plain
 
 
-def _velocity(run: ScoredRun) -> dict[str, list[float]]:
-    config = run.config.velocity
-    parts = [run.memo(scored_part, result, run.config, truth=False) for result in run.results]
-    samples = VelocitySamples.stacked([run.memo(velocity_samples, part, config) for part in parts])
-    declared = {name for part in parts for name in part.classes}
-    masks = category_masks(samples, config, declared)
+def _velocity(run: Evaluation) -> dict[str, list[float]]:
+    declared = {name for scene in run.labels for name in scene.declared}
+    asked = Wanted(quantiles=QUANTILES)
+    found = error_distributions(run.samples, run.config.velocity, declared, asked)
     return {
-        row: np.quantile(samples.error_mps[mask], QUANTILES).round(4).tolist()
-        for row, mask in masks.items()
-        if mask.any()
+        row: [round(errors.quantile(q), 4) for q in QUANTILES]
+        for row, errors in found.items()
+        if errors.size
     }

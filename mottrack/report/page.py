@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mottrack._version import __version__
 from mottrack.core.storage import write_text
 from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
+from mottrack.formats.html_page import page_templates
 from mottrack.report.analysis import Analysis
 from mottrack.report.differences import difference_groups
 from mottrack.report.player_scenes import contents, select_scenes
@@ -71,14 +71,6 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
         path: of the HTML file; replaced at once or not at all.
         max_mb: approximate size up to which scenes are included; the others are listed by name.
     """
-    environment = Environment(
-        loader=PackageLoader("mottrack.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # tables have an order
     runs = report_runs([run for run in comparison.runs if run.report.finished])
     analyses = [Analysis.of(run.scored) for run in runs]
     verdicts = Verdicts.of(comparison.differences)
@@ -89,7 +81,7 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
         **_player(runs, analyses, max_mb),
         **_sources(),
     }
-    write_text(path, environment.get_template(TEMPLATE).render(**content))
+    write_text(path, page_templates("mottrack.report").get_template(TEMPLATE).render(**content))
 
 
 def _summary(

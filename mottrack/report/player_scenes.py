@@ -70,16 +70,17 @@ def select_scenes(
 
 def _has_snapshots(run: ReportRun, dataset: str, scene: str) -> bool:
     scored = run.scored
-    finished = scored.experiment.dataset.kind == dataset and scene in scored.report.finished
-    return finished and scored.folder.snapshots_file(scene).exists()
+    same = scored.experiment.dataset.kind == dataset
+    kept = same and scored.folder.snapshots_file(scene).exists()
+    return kept and scene in scored.report.finished
 
 
 def _packed(scene: str, runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> PackedScene:
     snapshots = [run.scored.folder.load_snapshots(scene) for run in runs]
-    shared = SharedData(runs[0].scored.load(scene), snapshots[0])
+    shared = SharedData(runs[0].scored.folder.load(scene), snapshots[0])
     packed: dict[int, str] = {}
     for run, kept in zip(runs, snapshots, strict=True):
-        result = run.scored.load(scene)
+        result = run.scored.folder.load(scene)
         config = run.scored.experiment.settings.scores
         filters = analyses[run.index].classes.filters if run.has_truth else ()
         errors = scene_errors(result.where_labelled(), filters, config)

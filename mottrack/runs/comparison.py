@@ -164,9 +164,10 @@ def _notes(folder: Path) -> dict[str, Mapping[str, Any]]:
 
 def _load_run(folder: Path, variant: str, note: Mapping[str, Any]) -> ScoredRun:
     run = RunFolder(folder / variant)
+    there = dict.fromkeys(run.scenes)
     # in the order of the data set, as far as it is known
-    listed = [scene for scene in note.get("scenes", ()) if scene in run.scenes]
-    finished = (*listed, *(scene for scene in run.scenes if scene not in listed))
+    listed = map(str, note.get("scenes", ()))
+    finished = tuple(dict.fromkeys(scene for scene in listed if scene in there) | there)
     report = RunReport(finished, failed=dict(note.get("failed", {})), resumed=0)
     return stored_run(run, variant, report)
 

@@ -11,7 +11,7 @@ import numpy as np
 from mottrack.core.arrays import I64
 from mottrack.core.errors import unknown_name
 from mottrack.eval.paired import PairedDifference, paired_all
-from mottrack.eval.run_metrics import Resampling, RunMetrics, run_metrics
+from mottrack.eval.run_metrics import Resampling, RunMetrics
 from mottrack.experiment.experiment import Experiment
 from mottrack.formats.strict_json import strict
 from mottrack.runs.scored_run import ScoredRun
@@ -57,13 +57,18 @@ class Resamples:
 
 def sample_runs(runs: Sequence[ScoredRun]) -> Resamples:
     """Resample the metrics of runs on the same data set, all with the same draws."""
-    scenes = tuple(s for s in runs[0].finished if all(s in run.finished for run in runs))
+    scenes = common_scenes(runs)
     if not scenes:
         return Resamples(())
-    results = {run.title: [run.load(scene) for scene in scenes] for run in runs}
-    common = Resampling.of(list(results.values()), runs[0].config)
-    figures = {run.title: run_metrics(results[run.title], common, run.memo) for run in runs}
+    common = Resampling.of([run.over(scenes, runs[0].config) for run in runs])
+    figures = {run.title: run.figures(common, scenes, runs[0].config) for run in runs}
     return Resamples(scenes, figures, common.weights)
+
+
+def common_scenes(runs: Sequence[ScoredRun]) -> tuple[str, ...]:
+    """Return the scenes that all runs have finished, in the order of the first run."""
+    shared = set(runs[0].finished).intersection(*(run.finished for run in runs))
+    return tuple(scene for scene in runs[0].finished if scene in shared)
 
 
 def find_differences(runs: Sequence[ScoredRun], baseline: str | None) -> tuple[RunDifferences, ...]:

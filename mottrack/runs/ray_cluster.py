@@ -1,42 +1,23 @@
-"""Tasks on a Ray cluster: of this machine alone, or of many."""
+"""Tasks on a Ray cluster, of this machine alone or of many: the driver's side."""
 
 from __future__ import annotations
 
-import os
-import resource
-import socket
-import sys
-import tempfile
 import uuid
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from mottrack.core.errors import ConfigError
-from mottrack.core.processes import available_cores
 from mottrack.core.storage import write_text
-from mottrack.runs.node_check import Requirements, node_name, require_met
+from mottrack.runs.node_check import Requirements, require_met
+from mottrack.runs.ray_connection import LOCAL, connected, worker_environment
+from mottrack.runs.ray_task import Board, Done, Needs, Place, run_task, unmet_here
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.tasks import (
-    ATTEMPTS,
-    DIED,
-    THREAD_VARIABLES,
-    FramesDone,
-    Job,
-    Outcome,
-    Progress,
-    Task,
-    Work,
-    attempt,
-    seldom,
-)
+from mottrack.runs.tasks import ATTEMPTS, DIED, Job, Outcome, Progress, Task, Work
 
 POLL_S = 0.5
 """Between two looks at the progress: as often as a person reads it."""
-CONNECT_S = 10.0
-"""A machine that lives answers within a second, in a cloud far away too."""
 WAITING_PER_SLOT = 1
 """Tasks that wait on the cluster beside each that runs, so that no slot idles while the driver
 writes a result; more would only hold memory and make an interruption slower."""
@@ -49,21 +30,11 @@ MEMORY_MARGIN = 1.2
 """Of the largest peak so far: scenes of one data set differ by about as much."""
 
 
-class Done(NamedTuple):
-    """What a task returns to the driver."""
-
-    outcomes: list[Outcome]
-    files: Sequence[Mapping[str, bytes]]
-    """Per finished run its files; none where the task has written them."""
-    peak_bytes: int
-    """Of the worker, so far."""
-
-
 @dataclass
 class RayCluster:
     """An executor on Ray Core: one Ray task for each task, spread over the nodes."""
 
-    address: str = "ray"
+    address: str = LOCAL
     """``ray``: this machine alone; else what `ray.init` accepts: ``auto``, ``HOST:PORT`` on a
     machine of the cluster, ``ray://HOST:PORT`` from outside."""
     workers: int = 0
@@ -95,7 +66,7 @@ class RayCluster:
         try:
             wanted = ray.put(self._requirements)
             nodes = [node["NodeID"] for node in ray.nodes() if node["Alive"]]
-            ask = ray.remote(num_cpus=0, runtime_env=_environment())(_unmet)
+            ask = ray.remote(num_cpus=0, runtime_env=worker_environment())(unmet_here)
             on = ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
             asked = {
                 node: ask.options(scheduling_strategy=on(node, soft=False)).remote(wanted)
@@ -115,7 +86,7 @@ class RayCluster:
         cancels what runs.
         """
         ray = self._ray()
-        needs = _Needs(ray.put(self._requirements), self._checked)
+        needs = Needs(ray.put(self._requirements), self._checked)
         driver = _Driver(self, ray, work, progress, deque(tasks), needs)
         try:
             driver.run()
@@ -125,27 +96,7 @@ class RayCluster:
 
     def _ray(self) -> Any:
         """Return Ray, connected."""
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        try:
-            import ray
-            import ray.util.scheduling_strategies
-        except ImportError as error:
-            raise ConfigError(
-                f"--cluster needs Ray: pip install 'mottrack[ray]' ({error})"
-            ) from error
-        if not ray.is_initialized():
-            quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "error"}
-            try:
-                if self.address == "ray":
-                    cpus = self.workers or available_cores()
-                    ray.init("local", num_cpus=cpus, include_dashboard=False, **quiet)
-                else:
-                    _require_answer(self.address)
-                    ray.init(self.address, **quiet)
-            except (OSError, RuntimeError, ValueError) as error:
-                first = str(error).partition("\n")[0]
-                raise ConfigError(f"no Ray cluster at {self.address}: {first}") from error
-        return ray
+        return connected(self.address, self.workers)
 
 
 @dataclass
@@ -157,7 +108,7 @@ class _Driver:
     work: Work
     progress: Progress
     queue: deque[Task]
-    needs: _Needs
+    needs: Needs
     outcomes: dict[tuple[Path, str], Outcome] = field(default_factory=dict)
     flying: dict[Any, Task] = field(default_factory=dict)
     lost: dict[tuple[Path, str], int] = field(default_factory=dict)
@@ -168,7 +119,7 @@ class _Driver:
         """Work until no task is left."""
         here = self.ray.get_runtime_context().get_node_id()
         on = self.ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
-        board = self.ray.remote(num_cpus=0)(_Board)
+        board = self.ray.remote(num_cpus=0)(Board)
         self.board = board.options(scheduling_strategy=on(here, soft=True)).remote()
         while self.queue or self.flying:
             while self.queue and len(self.flying) < (1 + WAITING_PER_SLOT) * self.cluster.slots:
@@ -186,14 +137,14 @@ class _Driver:
             self.ray.kill(self.board)
 
     def _start(self, task: Task) -> None:
-        remote = self.ray.remote(_run_task).options(
+        remote = self.ray.remote(run_task).options(
             num_cpus=1,
             memory=self._memory(),
             max_retries=0,  # Ray's own would also count a lost node as the task's fault
             scheduling_strategy="SPREAD",
-            runtime_env=_environment(),
+            runtime_env=worker_environment(),
         )
-        place = _Place(self.needs, self.board, self.cluster.shared)
+        place = Place(self.needs, self.board, self.cluster.shared)
         self.flying[remote.remote(task, self.work, place)] = task
 
     def _memory(self) -> int:
@@ -247,73 +198,6 @@ class _Driver:
             self.progress.frames(done)
 
 
-def _require_answer(address: str) -> None:
-    """Connect to ``HOST:PORT`` and hang up: Ray itself waits for minutes where nobody answers.
-
-    Raises:
-        OSError: nobody answers.
-        ValueError: the port is no number.
-    """
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    if host:  # else it is "auto"
-        socket.create_connection((host, int(port)), timeout=CONNECT_S).close()
-
-
-def _environment() -> dict[str, Any]:
-    """Return Ray's runtime environment of a worker: one thread, and the driver's own modules.
-
-    Plug-ins are found on a node where they lie at the same place as here.
-    """
-    installed = (sys.prefix, sys.base_prefix)
-    own = [path for path in sys.path if path and not path.startswith(installed)]
-    variables = dict.fromkeys(THREAD_VARIABLES, "1")
-    return {"env_vars": {**variables, "PYTHONPATH": os.pathsep.join(own)}}
-
-
-def _last_line(error: Exception) -> str:
-    """Return what has happened: Ray's errors carry the traceback of the other process."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__
-
-
-class _Board:
-    """An actor that gathers the progress of all tasks."""
-
-    def __init__(self) -> None:
-        self._last: dict[tuple[str, tuple[Path, ...]], FramesDone] = {}
-
-    def tell(self, done: FramesDone) -> None:
-        """Note how many frames of a scene are done."""
-        self._last[done.scene, done.folders] = done
-
-    def drain(self) -> list[FramesDone]:
-        """Return what is new."""
-        last, self._last = self._last, {}
-        return list(last.values())
-
-
-class _Needs(NamedTuple):
-    """What a node must have in common with the driver."""
-
-    requirements: Any
-    """Reference of the `Requirements`."""
-    checked: frozenset[str]
-    """Nodes that have it; others have joined since."""
-
-
-class _Place(NamedTuple):
-    """What a task is told about its surroundings."""
-
-    needs: _Needs
-    board: Any
-    store: bool
-    """Whether the task writes its results itself."""
-
-
-def _unmet(requirements: Requirements) -> tuple[str, str]:
-    return _here(), requirements.unmet()
-
-
 def _answers(ray: Any, asked: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     """Return what each node lacks; a node that is lost meanwhile is left out.
 
@@ -332,46 +216,7 @@ def _answers(ray: Any, asked: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     return found
 
 
-def _late(needs: _Needs) -> str:
-    """Return what this node lacks, if it has joined after the check."""
-    import ray
-
-    if ray.get_runtime_context().get_node_id() in needs.checked:
-        return ""
-    requirements: Requirements = ray.get(needs.requirements)
-    return replace(requirements, token=None).unmet()
-
-
-def _here() -> str:
-    import ray
-
-    return node_name(ray.get_runtime_context().get_node_id())
-
-
-def _run_task(task: Task, work: Work, place: _Place) -> Done:
-    """Run a task on a node: store its results there, or return their files."""
-    node, unmet = _here(), _late(place.needs)
-    if unmet:
-        return Done(task.failed(f"node {node}: {unmet}"), [], 0)
-
-    def tell(done: int, total: int) -> None:
-        place.board.tell.remote(task.frames(done, total, node))
-
-    on_frame = seldom(tell)
-    if place.store:
-        return Done(attempt(work, task, on_frame), [], _peak_bytes())
-    with tempfile.TemporaryDirectory() as name:
-        folders = [RunFolder(Path(name) / str(k)) for k in range(len(task.jobs))]
-        jobs = zip(task.jobs, folders, strict=True)
-        inside = replace(task, jobs=tuple(replace(job, folder=f) for job, f in jobs))
-        found = attempt(work, inside, on_frame)
-        files = [RunFolder(o.folder).files(o.scene) for o in found if not o.error]
-    own = zip(found, task.jobs, strict=True)
-    outcomes = [replace(outcome, folder=job.folder.path) for outcome, job in own]
-    return Done(outcomes, files, _peak_bytes())
-
-
-def _peak_bytes() -> int:
-    """Return the largest resident size of this worker so far."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak
+def _last_line(error: Exception) -> str:
+    """Return what has happened: Ray's errors carry the traceback of the other process."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else type(error).__name__

@@ -151,20 +151,24 @@ class RunFolder:
         for name, data in files.items():
             write_bytes(self.path / "scenes" / Path(name).name, data)
 
-    def load(self, scene: str) -> SceneResult:
-        """Read a stored result with its timings.
+    def load(self, scene: str, *, flow: bool = True) -> SceneResult:
+        """Read a stored result with its timings; the samples of the flow only if asked for.
 
         Raises:
             ResultError: it is missing or damaged.
         """
-        result = SceneResult.load(self.scene_file(scene))
-        if not self.timings_file(scene).exists():
-            return result
-        return replace(result, timings_s=self._timings(scene))
+        result = SceneResult.load(self.scene_file(scene), flow=flow)
+        return replace(result, timings_s=self.timings(scene))
 
-    def _timings(self, scene: str) -> dict[str, F64]:
-        """Read the seconds per stage and key frame."""
+    def timings(self, scene: str) -> dict[str, F64]:
+        """Read the seconds per stage and key frame; none where they were not stored.
+
+        Raises:
+            ResultError: the file is damaged.
+        """
         path = self.timings_file(scene)
+        if not path.exists():
+            return {}
         found: dict[str, F64] = {}
         for stage, values in _read_json(path).items():
             seconds = json_array(values, _SECONDS) if isinstance(values, list) else None
@@ -189,15 +193,13 @@ class RunFolder:
         path = self.snapshots_file(scene)
         return load_snapshots(path) if path.exists() else []
 
-    def times(self, scene: str) -> StepTimes | None:
-        """Read the times of every step; None where they were not stored.
+    def times(self, scene: str) -> StepTimes:
+        """Read the times of every step.
 
         Raises:
-            ResultError: the file is damaged.
+            ResultError: the file is missing or damaged.
         """
         path = self.latency_file(scene)
-        if not path.exists():
-            return None
         stored = _read_json(path)
         if not _all_seconds(stored):
             raise ResultError(path, "content", "other than seconds", "times of a scene")

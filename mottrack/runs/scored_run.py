@@ -1,21 +1,24 @@
-"""A finished run with its results and scores, each read or computed once, when first needed."""
+"""A finished run and its figures, each computed once, when first needed; results are not held."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from mottrack.core.concerns import SceneConcern, summaries
 from mottrack.core.result import SceneResult
 from mottrack.datasets.plausibility.seen import SeenScene
 from mottrack.datasets.plausibility.watch import scene_concerns
-from mottrack.eval.memo import Memo
-from mottrack.eval.scores import ScoreConfig, Scores, score
+from mottrack.eval.evaluation import Evaluation
+from mottrack.eval.run_metrics import Resampling, RunMetrics, run_metrics
+from mottrack.eval.scores import ScoreConfig, Scores
 from mottrack.eval.velocity_error import NO_ROWS, ErrorRow
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.overrides import GROUPS
-from mottrack.pipeline.latency import LatencyReport, StepTimes
+from mottrack.pipeline.latency import LatencyReport, latency_report
+from mottrack.runs.per_scene import PerScene
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import RunReport
 
@@ -33,9 +36,10 @@ class ScoredRun:
     experiment: Experiment
     folder: RunFolder
     report: RunReport
-    memo: Memo = field(default_factory=Memo, init=False, repr=False, compare=False)
-    """Intermediate values of the metrics, shared by all evaluations of the run."""
-    _results: dict[str, SceneResult] = field(
+    _evaluations: dict[Hashable, Evaluation] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _figures: dict[Hashable, RunMetrics] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
@@ -72,40 +76,56 @@ class ScoredRun:
         """How its boxes are matched."""
         return self.experiment.settings.scores
 
-    def load(self, scene: str) -> SceneResult:
-        """Return the result of a finished scene with its timings; read it the first time.
-
-        Raises:
-            ResultError: it is missing or damaged.
-        """
-        if scene not in self._results:
-            self._results[scene] = self.folder.load(scene)
-        return self._results[scene]
-
     @property
-    def results(self) -> list[SceneResult]:
-        """Results of all finished scenes."""
-        return [self.load(scene) for scene in self.finished]
+    def evaluation(self) -> Evaluation:
+        """Of all finished scenes, matched as the run's configuration says."""
+        return self.over(self.finished, self.config)
 
-    @cached_property
-    def concerns(self) -> list[str]:
-        """What is unlikely in the data of the finished scenes, a line for each kind."""
-        return summaries(
-            SceneConcern(scene, concern)
-            for scene in self.finished
-            for concern in scene_concerns(SeenScene.of_result(self.load(scene)))
-        )
+    def figures(
+        self, common: Resampling, scenes: tuple[str, ...], config: ScoreConfig
+    ) -> RunMetrics:
+        """Return the metrics on every resample of the scenes that several runs have in common."""
+        key = scenes, config, common.rules, len(common.weights)
+        if key not in self._figures:
+            self._figures[key] = run_metrics(self.over(scenes, config), common)
+        return self._figures[key]
+
+    def over(self, scenes: tuple[str, ...], config: ScoreConfig) -> Evaluation:
+        """Return the evaluation of some of the finished scenes."""
+        key = scenes, config
+        if key not in self._evaluations:
+            results = PerScene(scenes, self.folder.load)
+            boxes = PerScene(scenes, partial(self.folder.load, flow=False))
+            self._evaluations[key] = Evaluation(results, config, boxes)
+        return self._evaluations[key]
 
     @cached_property
     def scores(self) -> Scores:
         """Scores over all finished scenes."""
-        return score(self.results, self.config, self.memo)
+        return self.evaluation.scores
+
+    def load(self, scene: str) -> SceneResult:
+        """Read the result of a finished scene.
+
+        Raises:
+            ResultError: it is missing or damaged.
+        """
+        return self.folder.load(scene)
+
+    @cached_property
+    def concerns(self) -> list[str]:
+        """What is unlikely in the data of the finished scenes, a line for each kind."""
+        found: list[SceneConcern] = []
+        for scene in self.finished:
+            concerns = scene_concerns(SeenScene.of_result(self.folder.load(scene, flow=False)))
+            found += [SceneConcern(scene, concern) for concern in concerns]
+        return summaries(found)
 
     @cached_property
     def latency(self) -> LatencyReport | None:
         """Of its steps against the time between two sweeps; None where it was not stored."""
-        times = [times for scene in self.finished if (times := self.folder.times(scene))]
-        return StepTimes.joined(times).report() if times else None
+        stored = tuple(s for s in self.finished if self.folder.latency_file(s).exists())
+        return latency_report(PerScene(stored, self.folder.times)) if stored else None
 
     def velocity_error(self, row: str) -> ErrorRow:
         """Return one row of the velocity table; one without tracks if the run has none of it."""

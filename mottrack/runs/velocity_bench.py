@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from mottrack.eval.run_metrics import OFFICIAL
 from mottrack.eval.velocity_value import ALL, FAST, TABLE, Value, headroom, value_metrics
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.differences import sample_runs
+from mottrack.runs.per_scene import PerScene
 from mottrack.runs.scored_run import ScoredRun
 
 NO_FLOW, ORACLE = "zero", "ground_truth"
@@ -61,7 +63,9 @@ def _group(runs: Sequence[ScoredRun]) -> list[FlowValue]:
     resamples = sample_runs(runs)
     if not resamples.scenes:
         return []
-    results = {run.title: [run.load(scene) for scene in resamples.scenes] for run in runs}
+    results = {
+        run.title: PerScene(resamples.scenes, partial(run.folder.load, flow=False)) for run in runs
+    }
     figures = value_metrics(results, none.config.velocity, resamples.weights)
     for title, official in resamples.figures.items():
         figures[title] |= {key: official[key] for key in (AMOTA, IDS) if key in official}

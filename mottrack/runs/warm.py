@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mottrack.compiled import cache_place, compilation_told
-from mottrack.eval.scores import score
+from mottrack.eval.evaluation import score
 from mottrack.experiment.experiment import Experiment, load_experiments
 from mottrack.geometry.polygon import convex_area
 from mottrack.pipeline.scene_run import Member, run_together

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -32,6 +33,7 @@ from mottrack.flow.pillarflow.training.examples import (
 )
 from mottrack.flow.pillarflow.training.shards import write_shard
 from mottrack.runs.shard import Shard
+from mottrack.runs.tasks import DIED
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
 
 SPLITS = ("validation", "training")
@@ -75,6 +77,9 @@ def make_examples(
     `on_shard` is called with (done, total) at the start and after each shard. With a `part` of
     I/N only every N-th shard is made, by one machine of N that share the folder: the last to end
     declares it complete.
+
+    Raises:
+        ConfigError: the data set has no pairs, or a process died.
     """
     whole = [job for split in SPLITS for job in _jobs(config, folder, split)]
     jobs = whole if part is None else whole[part.index - 1 :: part.count]
@@ -83,14 +88,26 @@ def make_examples(
         (folder / split).mkdir(parents=True, exist_ok=True)
     done = len(jobs) - len(missing)
     on_shard(done, len(jobs))
-    context = get_context("spawn")
-    with ProcessPoolExecutor(config.workers, context, end_with_parent) as pool:
-        for finished in as_completed([pool.submit(_make_shard, job) for job in missing]):
-            finished.result()
-            done += 1
-            on_shard(done, len(jobs))
+    for _ in _made(missing, config.workers):
+        done += 1
+        on_shard(done, len(jobs))
     if all(job.file.exists() for job in whole):
         (folder / COMPLETE).touch()
+
+
+def _made(jobs: Sequence[ShardJob], workers: int) -> Iterator[Path]:
+    """Make shards side by side; yield the file of each that is there."""
+    with ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent) as pool:
+        waiting = {pool.submit(_make_shard, job): job for job in jobs}
+        for finished in as_completed(waiting):
+            try:
+                finished.result()
+            except BrokenProcessPool as error:
+                raise ConfigError(
+                    f"a shard of examples is missing: {DIED}; the same command makes what is "
+                    "missing, fewer examples.workers need less memory"
+                ) from error
+            yield waiting[finished].file
 
 
 def await_examples(folder: Path, poll_s: float = 1.0) -> None:

@@ -21,7 +21,8 @@ EXPERIMENTS = ("run", "compare", "train", "examples", "estimate-noise")
 
 
 def lines(file: Path) -> list[str]:
-    return [line for code in blocks(file, "") for line in code.splitlines()]
+    joined = (code.replace("\\\n", " ") for code in blocks(file, ""))
+    return [line for code in joined for line in code.splitlines()]
 
 
 def commands(file: Path, word: str) -> list[list[str]]:

@@ -10,7 +10,8 @@ import pytest
 
 from mottrack.core import FlowSamples, FrameTable, InputError, SceneResult, TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity, mot
-from mottrack.eval.flow_error import flow_error
+from mottrack.eval.evaluation import BATCH, score
+from mottrack.eval.flow_error import cell_errors, flow_table
 from mottrack.eval.kitti import levels, matching
 from mottrack.eval.kitti.boxes import KittiBoxes
 from mottrack.eval.nuscenes.metrics import evaluate_prepared
@@ -45,7 +46,7 @@ def velocity(scenes: Scenes) -> Metrics:
 
 
 def flow(scenes: Scenes) -> Metrics:
-    row = flow_error(FlowSamples.stacked([scene.flow for scene in scenes]))
+    row = flow_table([scene.flow for scene in scenes])["all"]
     return {"cells": row.cells, "rmse": row.rmse_m, "aae": row.aae_rad, "measured": row.measured}
 
 
@@ -339,3 +340,36 @@ def test_scores_of_scenes_together_are_weighted_means(evaluation: Evaluation) ->
 def test_an_empty_scene_changes_nothing(evaluation: Evaluation) -> None:
     scenes = some_scenes()
     assert_same(evaluation.run([*scenes, empty_scene()]), evaluation.run(scenes))
+
+
+def of_two_classes(scene: SceneResult) -> SceneResult:
+    """Every other object is a pedestrian."""
+    truth, tracks = scene.truth, scene.tracks
+    return replace(
+        scene,
+        truth=replace(truth, label=np.where(truth.id % 2, "car", "pedestrian")),
+        tracks=replace(tracks, label=np.where(tracks.id % 2, "car", "pedestrian")),
+    )
+
+
+def test_scene_by_scene_the_figures_are_those_of_all_at_once_to_the_last_bit() -> None:
+    """More scenes than are prepared together, and some of them empty."""
+    scenes = [of_two_classes(make_scene(seed)) for seed in range(2 * BATCH)]
+    scenes += 2 * [empty_scene()]
+    found = score(scenes)
+    rules = rules_for(["car", "pedestrian"])
+    official = evaluate_prepared(prepare_results(scenes, rules), rules)
+    for name, expected in official.classes.items():
+        own = found.classes[name]
+        assert (own.amota, own.amotp_m) == (expected["amota"], expected["amotp"])
+    assert found.overall.amota == official.total["amota"]
+    errors = np.concatenate([velocity_samples(scene).error_mps for scene in scenes])
+    row = found.velocity["all"]
+    assert (row.mean_mps, row.median_mps) == (errors.mean(), np.median(errors))
+    assert row.percentile_95_mps == np.quantile(errors, 0.95)
+    assert row.worst_mean_mps == np.sort(errors)[-round(0.05 * len(errors)) :].mean()
+    cells = cell_errors(FlowSamples.stacked([scene.flow for scene in scenes]))
+    flow_row = found.flow["all"]
+    assert flow_row.median_mps == np.median(cells.speed_mps)
+    assert flow_row.aae_rad == cells.angle_rad.mean()
+    assert flow_row.rmse_m == np.sqrt((cells.length_m**2).mean())

@@ -9,8 +9,9 @@ import pytest
 from pydantic import ValidationError
 
 from mottrack.core import FlowSamples, SceneResult
+from mottrack.eval.evaluation import score
 from mottrack.eval.region import Region
-from mottrack.eval.scores import ScoreConfig, score
+from mottrack.eval.scores import ScoreConfig
 
 Maker = Callable[[list[dict[str, Any]], int], SceneResult]
 SQUARE = [[0.0, -5.0], [20.0, -5.0], [20.0, 5.0], [0.0, 5.0]]

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mottrack.core import SceneResult
-from mottrack.eval.scores import ScoreConfig, score
+from mottrack.eval.evaluation import score
+from mottrack.eval.scores import ScoreConfig
 
 Maker = Callable[[list[dict[str, Any]], int], SceneResult]
 

@@ -10,8 +10,9 @@ from mottrack.core import SceneResult
 from mottrack.eval.velocity_error import (
     LEFT_OUT,
     NO_OBJECT,
+    ErrorRow,
     VelocityErrorConfig,
-    error_row,
+    VelocitySamples,
     match_by_overlap,
     velocity_samples,
     velocity_table,
@@ -80,13 +81,18 @@ def test_coasting_and_interpolated_rows(make_result: Maker) -> None:
     assert counted.error_mps.tolist() == [2.0]
 
 
+def row_of(error_mps: np.ndarray) -> ErrorRow:
+    samples = VelocitySamples(error_mps, 0.0 * error_mps, np.full(len(error_mps), "car"))
+    return velocity_table([samples])["all"]
+
+
 def test_upper_tail_is_given_in_both_readings() -> None:
-    row = error_row(np.arange(1.0, 101.0))
+    row = row_of(np.arange(1.0, 101.0))
     assert (row.count, row.mean_mps, row.median_mps) == (100, 50.5, 50.5)
     assert row.worst_mean_mps == pytest.approx(98.0)
     assert row.percentile_95_mps == pytest.approx(95.05)
-    assert np.isnan(error_row(np.zeros(0)).mean_mps)
-    assert error_row(np.array([3.0])).worst_mean_mps == 3.0
+    assert np.isnan(row_of(np.zeros(0)).mean_mps)
+    assert row_of(np.array([3.0])).worst_mean_mps == 3.0
 
 
 def test_no_truth_and_no_tracks(make_result: Maker) -> None:

@@ -7,10 +7,12 @@ import pytest
 from mottrack.experiment.experiment import compose
 from mottrack.paper.plan import Study
 from mottrack.paper.published import TABLE_III
-from mottrack.paper.results import Results, run_studies
+from mottrack.paper.results import RUNTIME, Results, execute, run_studies
 from mottrack.paper.tables import number_table
 from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.merge import merge_shards
 from mottrack.runs.runner import Execution
+from mottrack.runs.shard import Shard
 from mottrack.runs.tasks import Outcome
 
 TREE = {
@@ -64,3 +66,21 @@ def test_interrupted_and_resumed_with_other_workers_is_the_same(tmp_path: Path) 
     assert tables[0] == tables[1]
     assert not whole.failed
     assert not parts.failed
+
+
+def test_merged_shards_of_a_paper_leave_nothing_to_run(tmp_path: Path) -> None:
+    runs = tuple(compose(TREE, [], Path("toys.yaml")))
+    studies = [Study(name, "world", "World", runs) for name in ("tracking", RUNTIME)]
+    for k in (2, 1):
+        shard = Execution(LocalPool(1), Shard(k, 2))
+        execute(studies, tmp_path / str(k) / "runs", execution=shard, progress=Interrupted())
+    merged = merge_shards([tmp_path / "2", tmp_path / "1"], tmp_path / "all")
+    assert len(merged.reports) == 4
+    progress = Interrupted()
+    found = run_studies(
+        studies, tmp_path / "all" / "runs", execution=Execution(LocalPool(1)), progress=progress
+    )
+    assert progress.todo == 0
+    assert not found.failed
+    assert found.machines  # of every shard; the same text, with the load at the end, once
+    assert all(study.sampling.scenes == ("a", "b") for study in found.studies)

@@ -1,5 +1,8 @@
 import json
-from dataclasses import replace
+import os
+import shutil
+import weakref
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +10,7 @@ import pytest
 
 from mottrack.core import ConfigError
 from mottrack.core.result import SceneResult
+from mottrack.eval.evaluation import BATCH, Evaluation
 from mottrack.eval.nuscenes.metrics import evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare_results, rules_for
 from mottrack.eval.nuscenes.resampling import evaluate_weighted, profiles
@@ -83,8 +87,9 @@ def test_figures_are_those_of_the_tables_and_of_the_official_evaluation(
 ) -> None:
     run = comparison.runs[1]
     results: list[SceneResult] = [run.folder.load(scene) for scene in run.report.finished]
-    common = Resampling.of([results], ScoreConfig(), resamples=5)
-    figures = {(k.table, k.row, k.metric): v for k, v in run_metrics(results, common).items()}
+    evaluation = Evaluation(results, ScoreConfig())
+    common = Resampling.of([evaluation], resamples=5)
+    figures = {(k.table, k.row, k.metric): v for k, v in run_metrics(evaluation, common).items()}
     for (table, row, metric), sampled in figures.items():
         if table == "velocity":
             error = run.scores.velocity[row]
@@ -111,8 +116,9 @@ def test_a_resample_of_the_velocity_table_is_that_of_the_copied_scenes(
 ) -> None:
     run = comparison.runs[0]
     results = [run.folder.load(scene) for scene in run.report.finished]
-    common = Resampling.of([results], ScoreConfig(), resamples=4)
-    figures = run_metrics(results, common)
+    evaluation = Evaluation(results, ScoreConfig())
+    common = Resampling.of([evaluation], resamples=4)
+    figures = run_metrics(evaluation, common)
     for b, weight in enumerate(common.weights):
         copies = [r for r, w in zip(results, weight, strict=True) for _ in range(w)]
         table = velocity_table([velocity_samples(r) for r in copies])
@@ -121,19 +127,37 @@ def test_a_resample_of_the_velocity_table_is_that_of_the_copied_scenes(
                 assert sampled.draws[b] == pytest.approx(table[key.row].mean_mps)
 
 
-def test_a_report_of_a_stored_comparison_reads_each_result_once(
+class Watched(SceneResult):
+    """A result of which is known whether it still exists."""
+
+    __slots__ = ("__weakref__",)
+
+
+def test_a_report_holds_few_results_at_once(
     comparison: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read: list[Path] = []
+    """However many scenes there are: a batch of boxes, and the last scene of each run."""
+    read: list[weakref.ref[SceneResult]] = []
+    held: list[int] = []
     load = RunFolder.load
 
-    def counted(folder: RunFolder, scene: str) -> SceneResult:
-        read.append(folder.scene_file(scene))
-        return load(folder, scene)
+    def watched(folder: RunFolder, scene: str, **options: bool) -> SceneResult:
+        result = load(folder, scene, **options)
+        found = Watched(*(getattr(result, f.name) for f in fields(result)))
+        read.append(weakref.ref(found))
+        held.append(sum(each() is not None for each in read))
+        return found
 
-    monkeypatch.setattr(RunFolder, "load", counted)
-    write_report(load_comparison(comparison.out), tmp_path / "report.html")
-    assert len(read) == len(set(read)) == sum(len(run.finished) for run in comparison.runs)
+    for run in comparison.runs:
+        folder = RunFolder(tmp_path / run.experiment.variant)
+        shutil.copytree(run.folder.path, folder.path)
+        for k in range(3 * BATCH):
+            for file in (folder.scene_file, folder.timings_file, folder.latency_file):
+                os.link(file("a"), file(f"a{k}"))
+    monkeypatch.setattr(RunFolder, "load", watched)
+    write_report(load_comparison(tmp_path), tmp_path / "report.html")
+    assert len(held) > 2 * 3 * BATCH
+    assert max(held) <= BATCH + 2 * len(comparison.runs)
 
 
 def test_what_flow_was_worth_is_tabulated_and_told(comparison: Comparison) -> None:

@@ -55,11 +55,11 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def shards(tmp_path_factory: pytest.TempPathFactory, progress: Any) -> Path:
-    """The unsharded comparison in ``all``, its three shards in ``1`` to ``3``."""
+    """The unsharded comparison in ``all``, its shards in ``1`` to ``5``, run in another order."""
     out = tmp_path_factory.mktemp("shards")
     run_comparison(toys(), out / "all", execution=Execution(LOCAL), progress=progress)
-    for k in (3, 1, 2):
-        run(toys(), out / str(k), Execution(LOCAL, Shard(k, 3)), progress)
+    for k in (3, 1, 5, 2, 4):
+        run(toys(), out / str(k), Execution(LOCAL, Shard(k, 5)), progress)
     return out
 
 
@@ -69,8 +69,8 @@ def merged(shards: Path, out: Path, *names: str) -> Merged:
 
 def test_merged_shards_are_the_unsharded_run(shards: Path, tmp_path: Path) -> None:
     shutil.copytree(shards / "2", tmp_path / "again")
-    found = merge_shards([*(shards / k for k in "312"), tmp_path / "again"], tmp_path / "m")
-    assert [text.partition(" ")[0] for text in found.repeated] == ["2/3", "2/3"]
+    found = merge_shards([*(shards / k for k in "35142"), tmp_path / "again"], tmp_path / "m")
+    assert [text.partition(" ")[0] for text in found.repeated] == ["2/5", "2/5"]
     assert files_of(tmp_path / "m") == files_of(shards / "all")
     runs = [stored_run(RunFolder(tmp_path / "m" / p), p.name, r) for p, r in found.reports.items()]
     score_runs(tuple(runs), tmp_path / "m")
@@ -88,14 +88,14 @@ def test_merged_shards_are_the_unsharded_run(shards: Path, tmp_path: Path) -> No
 def test_missing_interrupted_and_foreign_shards_are_told(
     shards: Path, tmp_path: Path, progress: Any
 ) -> None:
-    with pytest.raises(ConfigError, match="shard 2/3 missing among 2 folders"):
-        merged(shards, tmp_path / "m", "1", "3")
+    with pytest.raises(ConfigError, match="shard 2/5, 4/5 missing among 3 folders"):
+        merged(shards, tmp_path / "m", "1", "3", "5")
     shutil.copytree(shards / "2", tmp_path / "2")
     next(tmp_path.glob("2/zero/shards.json")).unlink()
     with pytest.raises(ConfigError, match="2/zero holds no finished shard"):
-        merge_shards([shards / "1", tmp_path / "2", shards / "3"], tmp_path / "m")
+        merge_shards([*(shards / k for k in "1345"), tmp_path / "2"], tmp_path / "m")
     run(toys(), tmp_path / "half", Execution(LOCAL, Shard(2, 2)), progress)
-    with pytest.raises(ConfigError, match=r"is shard 2/2, .* is shard 1/3: expected the same num"):
+    with pytest.raises(ConfigError, match=r"is shard 2/2, .* is shard 1/5: expected the same num"):
         merge_shards([shards / "1", tmp_path / "half"], tmp_path / "m")
     assert not (tmp_path / "m").exists()
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,21 +17,6 @@ from mottrack.runs.runner import Execution, RunReport, run_jobs
 from mottrack.runs.tasks import Job
 
 ray = pytest.importorskip("ray", reason="needs the extra ray")
-STORE_BYTES = 80 * 2**20  # Ray asks for at least 75 MiB
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
-    from ray.cluster_utils import Cluster
-
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    node = {"num_cpus": 1, "object_store_memory": STORE_BYTES}
-    made = Cluster(initialize_head=True, head_node_args={**node, "include_dashboard": False})
-    made.spare = [made.add_node(**node) for _ in range(2)]
-    ray.init(made.address, log_to_driver=False, logging_level="error")
-    yield made
-    ray.shutdown()
-    made.shutdown()
 
 
 def toys(*scenes: str, flag: Path | None = None) -> list[Experiment]:

@@ -14,11 +14,12 @@ from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.sweep import seconds_between
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear
+from mottrack.eval.evaluation import Evaluation
 from mottrack.eval.kitti.boxes import KittiBoxes
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
 from mottrack.eval.nuscenes.metrics import Metrics
 from mottrack.eval.pairs import BoxStream, centre_distance, find_pairs
-from mottrack.eval.scores import ScoreConfig, score_filters, scored_part, selected
+from mottrack.eval.scores import ScoreConfig, scored_part, selected
 
 GATE_M = 2.0
 """Centres nearer than this over the ground match: nuScenes' gate, used for every data set."""
@@ -73,7 +74,7 @@ def of_results(results: Sequence[SceneResult], config: ScoreConfig) -> list[Scen
     Only frames and places with labels count, and true boxes from their first return on.
     """
     parts = [scored_part(result, config) for result in results]
-    filters = score_filters(parts, config)
+    filters = Evaluation(results, config).filters
     return [tuple(_of_result(part, *selected(part, f)) for f in filters) for part in parts]
 
 

@@ -159,7 +159,7 @@ def evaluate(
     if extras.error_classes:
         from mottrack.eval.nuscenes.error_classes import as_plain, classify_errors, format_errors
 
-        errors = classify_errors(evaluation.prepared, request.rules)
+        errors = classify_errors([evaluation.prepared], evaluation.metrics)
         write_text(out / "error_classes.json", json.dumps(strict(as_plain(errors)), indent=2))
         yield format_errors(errors)
     if extras.bootstrap or extras.compare:

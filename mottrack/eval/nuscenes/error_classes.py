@@ -12,8 +12,11 @@ very frame; a take-over if b was matched with another object before; else a re-i
 is new.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +26,7 @@ from mottrack.eval.arithmetic import SPEED_EDGES_MPS, bins
 from mottrack.eval.clear import MISSES, miss_kinds
 from mottrack.eval.nuscenes.boxes import BoxTable, Prepared
 from mottrack.eval.nuscenes.kernel import MISS, SWITCH, Scenes
-from mottrack.eval.nuscenes.metrics import Curves, class_curves, class_scenes, run_at
+from mottrack.eval.nuscenes.metrics import Curves, Metrics, class_scenes, run_at
 from mottrack.eval.nuscenes.rules import Rules
 from mottrack.formats.text_table import aligned
 
@@ -73,7 +76,7 @@ class ErrorClassifier:
     """(G,) frame of each true box."""
 
     @classmethod
-    def of(cls, prepared: Prepared, label: int, rules: Rules, scenes: Scenes) -> "ErrorClassifier":
+    def of(cls, prepared: Prepared, label: int, rules: Rules, scenes: Scenes) -> ErrorClassifier:
         """Prepare for class `label` of the data, laid out as `scenes`."""
         boxes = np.diff(scenes.frame["truth"])
         kinds = _false_positive_kinds(prepared, label, rules)
@@ -194,43 +197,94 @@ class ClassErrors:
     """Kind to AMOTA if there were no errors of that kind (see `amota_without`)."""
 
 
-def classify_errors(prepared: Prepared, rules: Rules) -> dict[str, ClassErrors]:
-    """Classify the errors of every class that has truth and reaches a recall level."""
-    out = {}
-    for label, name in enumerate(rules.classes):
-        scenes = class_scenes(prepared, label, rules)
-        curves = class_curves(scenes, rules)
-        if not np.isnan(curves["confidence"]).all():
-            classifier = ErrorClassifier.of(prepared, label, rules, scenes)
-            out[name] = _class_errors(prepared, label, classifier, curves)
-    return out
+def classify_errors(parts: Iterable[Prepared], official: Metrics) -> dict[str, ClassErrors]:
+    """Classify the errors of every class that has truth and reaches a recall level.
+
+    Args:
+        parts: the boxes of some scenes each; of each only counts are kept.
+        official: the metrics of all these scenes together.
+    """
+    reached = {n: c for n, c in official.curves.items() if not np.isnan(c["confidence"]).all()}
+    found = {name: _Counted(curves) for name, curves in reached.items()}
+    for prepared in parts:
+        speeds_mps = truth_speeds(prepared)
+        for label, name in enumerate(official.rules.classes):
+            if name in found:
+                scenes = class_scenes(prepared, label, official.rules)
+                classifier = ErrorClassifier.of(prepared, label, official.rules, scenes)
+                own_mps = speeds_mps[prepared.truth.label == label]
+                found[name].add(classifier, _ranges(prepared, label), own_mps)
+    return {name: counted.result() for name, counted in found.items()}
 
 
-def _class_errors(
-    prepared: Prepared, label: int, classifier: ErrorClassifier, curves: Curves
-) -> ClassErrors:
-    threshold = curves["confidence"]
-    reached = np.unique(threshold[~np.isnan(threshold)])
-    levels = {float(t): classifier.errors(float(t)).count() for t in reached}
-    best = classifier.errors(float(threshold[int(np.nanargmax(curves["mota"]))]))
-    range_m = _ranges(prepared, label, best)
-    speeds_mps = truth_speeds(prepared)[prepared.truth.label == label]
-    of_truth = best.truth_row >= 0
-    speed_mps = np.where(of_truth, speeds_mps[best.truth_row], np.nan)
-    by_range, by_speed = bins(range_m, RANGE_EDGES_M, "m"), bins(speed_mps, SPEED_EDGES_MPS, "m/s")
-    unknown = of_truth & np.isnan(speed_mps)
-    if unknown.any():
-        by_speed["unknown"] = unknown
-    boxes = len(classifier.scenes.truth) - 1
-    return ClassErrors(
-        counts=best.count(),
-        by_range={name: count_kinds(best.kind[mask]) for name, mask in by_range.items()},
-        by_speed={name: count_kinds(best.kind[mask]) for name, mask in by_speed.items()},
-        amota=amota_without((), curves, levels, boxes),
-        amota_without={
-            name: amota_without(kinds, curves, levels, boxes) for name, kinds in GROUPS.items()
-        },
-    )
+class _Ranges(NamedTuple):
+    """Distance of the boxes of a class from the vehicle, metres."""
+
+    truth_m: F64
+    """(G,)"""
+    tracks_m: F64
+    """(P,)"""
+
+    def of(self, errors: Errors) -> F64:
+        """Return the distance of each error, (E,)."""
+        out = np.empty(len(errors.kind))
+        has = errors.truth_row >= 0
+        out[has] = self.truth_m[errors.truth_row[has]]
+        out[~has] = self.tracks_m[errors.track_row[~has]]
+        return out
+
+
+class _Counted:
+    """The errors of one class so far."""
+
+    def __init__(self, curves: Curves) -> None:
+        threshold = curves["confidence"]
+        self._curves = curves
+        self._best = float(threshold[int(np.nanargmax(curves["mota"]))])
+        none = dict.fromkeys(KINDS, 0)
+        reached = np.unique(threshold[~np.isnan(threshold)]).tolist()
+        self._levels: dict[float, Counts] = {level: dict(none) for level in reached}
+        self._counts: Counts = dict(none)
+        self._by_range: dict[str, Counts] = {}
+        self._by_speed: dict[str, Counts] = {}
+        self._boxes = 0
+
+    def add(self, classifier: ErrorClassifier, ranges: _Ranges, speeds_mps: F64) -> None:
+        """Take some scenes; `speeds_mps` are those of the true boxes (G,)."""
+        for level, counts in self._levels.items():
+            _add(counts, classifier.errors(level).kind)
+        best = classifier.errors(self._best)
+        of_truth = best.truth_row >= 0
+        speed_mps = np.full(len(of_truth), np.nan)
+        speed_mps[of_truth] = speeds_mps[best.truth_row[of_truth]]
+        by_speed = bins(speed_mps, SPEED_EDGES_MPS, "m/s")
+        unknown = of_truth & np.isnan(speed_mps)
+        if unknown.any():
+            by_speed["unknown"] = unknown
+        _add(self._counts, best.kind)
+        for table, masks in (
+            (self._by_range, bins(ranges.of(best), RANGE_EDGES_M, "m")),
+            (self._by_speed, by_speed),
+        ):
+            for name, mask in masks.items():
+                _add(table.setdefault(name, dict.fromkeys(KINDS, 0)), best.kind[mask])
+        self._boxes += len(classifier.truth_frame)
+
+    def result(self) -> ClassErrors:
+        """Return the counts, and what each kind costs."""
+        gained = (self._curves, self._levels, self._boxes)
+        return ClassErrors(
+            counts=self._counts,
+            by_range=self._by_range,
+            by_speed=self._by_speed,
+            amota=amota_without((), *gained),
+            amota_without={name: amota_without(kinds, *gained) for name, kinds in GROUPS.items()},
+        )
+
+
+def _add(counts: Counts, kinds: Texts) -> None:
+    for kind, count in count_kinds(kinds).items():
+        counts[kind] += count
 
 
 def count_kinds(kinds: Texts) -> Counts:
@@ -238,17 +292,9 @@ def count_kinds(kinds: Texts) -> Counts:
     return {kind: int(np.count_nonzero(kinds == kind)) for kind in KINDS}
 
 
-def _ranges(prepared: Prepared, label: int, errors: Errors) -> F64:
-    """Return the distance of each error from the vehicle, (E,) metres."""
-    truth, tracks = (
-        _range(prepared, boxes.select(boxes.label == label))
-        for boxes in (prepared.truth, prepared.tracks)
-    )
-    out = np.empty(len(errors.kind))
-    has = errors.truth_row >= 0
-    out[has] = truth[errors.truth_row[has]]
-    out[~has] = tracks[errors.track_row[~has]]
-    return out
+def _ranges(prepared: Prepared, label: int) -> _Ranges:
+    sides = (prepared.truth, prepared.tracks)
+    return _Ranges(*(_range(prepared, boxes.select(boxes.label == label)) for boxes in sides))
 
 
 def _range(prepared: Prepared, boxes: BoxTable) -> F64:

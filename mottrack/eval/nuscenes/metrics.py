@@ -20,6 +20,7 @@ from mottrack.eval.nuscenes.kernel import (
     count_passes,
     find_candidates,
 )
+from mottrack.eval.nuscenes.levels import Levels, ScoreCounts, recall_levels
 from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.products import RECORDED, of_this_machine
 from mottrack.eval.nuscenes.rules import (
@@ -44,20 +45,6 @@ class Tally(NamedTuple):
     """(T, COUNT_NAMES)"""
     distance_m: F64
     """(T,) sum of the distances of all matches."""
-
-
-class Levels(NamedTuple):
-    """The recall levels of a class, the highest recall first."""
-
-    threshold: F64
-    """(levels,) score from which tracks take part; NaN: the recall is not reached."""
-    recall: F64
-    """(levels,) the recall that the threshold was chosen for."""
-
-    @property
-    def distinct(self) -> F64:
-        """The different thresholds, ascending."""
-        return np.unique(self.threshold[~np.isnan(self.threshold)])
 
 
 class TruthSize(NamedTuple):
@@ -184,25 +171,12 @@ def matched_scores(scenes: Scenes) -> MatchedScores:
     return MatchedScores(track["score"][hit], scene_of_tracks(scenes)[hit])
 
 
-def recall_levels(scores: F64, truth_boxes: int, rules: Rules) -> Levels:
-    """Return the levels that these matched scores (M,) reach; NaN throughout without any."""
-    recall = np.linspace(rules.min_recall, 1, rules.levels).round(12)  # as the official code
-    if not len(scores):
-        nothing = np.full(rules.levels, np.nan)
-        return Levels(nothing, nothing)
-    descending = np.sort(scores)[::-1]
-    reached = np.arange(1, len(scores) + 1) / truth_boxes
-    threshold = np.interp(recall, reached, descending, right=0)
-    threshold[recall > reached.max()] = np.nan
-    return Levels(threshold[::-1], recall[::-1])
-
-
 def class_curves(scenes: Scenes, rules: Rules) -> Curves:
     """Return every metric of a class at every recall level."""
     boxes = len(scenes.truth) - 1
     if boxes == 0:
         return unreached_curves(rules)
-    levels = recall_levels(matched_scores(scenes).score, boxes, rules)
+    levels = recall_levels(ScoreCounts.of(matched_scores(scenes).score), boxes, rules)
     tally = tally_levels(scenes, levels.distinct)
     return curves_of(tally, levels, TruthSize(boxes, len(scenes.object)))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,15 +27,23 @@ def prepare(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared
         InputError: the arrays do not fit together, or no true or no predicted box is left to
             evaluate.
     """
-    left = []
     for boxes, name in ((truth.boxes, "truth"), (predictions, "predictions")):
         check_boxes(boxes, len(truth.samples), rules, name)
-        kept = boxes.select(kept_boxes(boxes, truth, rules))
-        if not len(kept):
+    prepared = _prepared(truth, predictions, rules)
+    sides = ((truth.boxes, prepared.truth), (predictions, prepared.tracks))
+    for name, (boxes, left) in zip(("truth", "predictions"), sides, strict=True):
+        if not len(left):
             why = f"{len(boxes)} boxes, none in range with points and a class that is evaluated"
             raise InputError(name, why, "at least one box to evaluate")
-        left.append(kept.select(np.argsort(kept.sample, kind="stable")))
-    true_boxes, tracks = left
+    return prepared
+
+
+def _prepared(truth: GroundTruth, predictions: BoxTable, rules: Rules) -> Prepared:
+    true_boxes, tracks = (
+        kept.select(np.argsort(kept.sample, kind="stable"))
+        for boxes in (truth.boxes, predictions)
+        for kept in (boxes.select(kept_boxes(boxes, truth, rules)),)
+    )
     tracks = tracks.with_score(mean_scores(tracks))
     return Prepared(
         truth.samples,
@@ -82,6 +91,8 @@ def mean_scores(boxes: BoxTable) -> F64:
     Thresholds are compared with these means, so they equal numpy's mean of a list of the scores in
     order of time to the last bit: tracks of equal length are averaged together, row by row.
     """
+    if not len(boxes):
+        return boxes.score
     order = np.argsort(boxes.track, kind="stable")
     track = boxes.track[order]
     starts = np.flatnonzero(np.r_[True, track[1:] != track[:-1]])
@@ -104,6 +115,8 @@ def fill_gaps(boxes: BoxTable, samples: Samples, rules: Rules) -> BoxTable:
     swapped as in the official code or correct (`Rules.interpolation`). In a sample the added boxes
     follow the given ones, in the order in which their tracks first appear in the scene.
     """
+    if not len(boxes):
+        return boxes
     order = np.argsort(boxes.track, kind="stable")
     track, sample = boxes.track[order], boxes.sample[order]
     starts = np.flatnonzero(np.r_[True, track[1:] != track[:-1]])
@@ -140,6 +153,20 @@ def prepare_results(results: Sequence[SceneResult], rules: Rules) -> Prepared:
     Raises:
         InputError: no true or no tracked box is left to evaluate.
     """
+    return prepare(*_as_boxes(results, rules), rules)
+
+
+def prepare_scenes(results: Sequence[SceneResult], rules: Rules) -> Prepared:
+    """Prepare some scenes of many; they may have nothing to evaluate."""
+    return _prepared(*_as_boxes(results, rules), rules)
+
+
+class _Boxes(NamedTuple):
+    truth: GroundTruth
+    tracks: BoxTable
+
+
+def _as_boxes(results: Sequence[SceneResult], rules: Rules) -> _Boxes:
     results = [_near_origin(result) for result in results]
     offsets = np.concatenate([[0], np.cumsum([len(r.frames) for r in results])])
     truth = [_boxes(r.truth, o, rules) for r, o in zip(results, offsets, strict=False)]
@@ -152,7 +179,7 @@ def prepare_results(results: Sequence[SceneResult], rules: Rules) -> Prepared:
         ego_xy_m=np.concatenate([r.frames.world_T_ego[:, :2, 3] for r in results]),
     )
     racks = racks_in([result.truth for result in results], offsets.tolist())
-    return prepare(GroundTruth(samples, _merged(truth), racks), _merged(tracks), rules)
+    return _Boxes(GroundTruth(samples, _merged(truth), racks), _merged(tracks))
 
 
 def _near_origin(result: SceneResult) -> SceneResult:

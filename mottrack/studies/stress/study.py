@@ -12,7 +12,8 @@ import numpy as np
 
 from mottrack.core.interfaces import Scene
 from mottrack.core.storage import write_text
-from mottrack.eval.scores import Scores, score
+from mottrack.eval.evaluation import score
+from mottrack.eval.scores import Scores
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.plugins import Part
 from mottrack.formats.strict_json import strict

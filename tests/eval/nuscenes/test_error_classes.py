@@ -88,7 +88,7 @@ def test_kinds_add_up_to_the_official_counts(
 ) -> None:
     data = prepare(*make_problem(seed), RULES)
     metrics = evaluate_prepared(data, RULES)
-    errors = classify_errors(data, RULES)
+    errors = classify_errors([data], metrics)
     assert errors
     for name, part in errors.items():
         official = metrics.classes[name]

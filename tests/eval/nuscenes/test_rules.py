@@ -11,7 +11,8 @@ from scipy.optimize import linear_sum_assignment
 from mottrack.core.errors import InputError
 from mottrack.eval.nuscenes.assignment import make_solver, solve
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
-from mottrack.eval.nuscenes.metrics import class_scenes, evaluate, recall_levels, run_at
+from mottrack.eval.nuscenes.levels import ScoreCounts, recall_levels
+from mottrack.eval.nuscenes.metrics import class_scenes, evaluate, run_at
 from mottrack.eval.nuscenes.prepare import fill_gaps, kept_boxes, mean_scores, prepare
 from mottrack.eval.nuscenes.rules import Rules
 
@@ -98,7 +99,7 @@ def test_solver_answers_as_scipy_does_even_where_costs_are_equal() -> None:
 
 
 def test_thresholds_lie_between_scores_and_unreached_levels_have_none() -> None:
-    threshold, recall = recall_levels(np.array([0.9, 0.5]), 4, Rules())
+    threshold, recall = recall_levels(ScoreCounts.of(np.array([0.9, 0.5])), 4, Rules())
     assert (recall[0], recall[-1]) == (1.0, 0.1)
     assert np.isnan(threshold[recall > 0.5]).all()
     assert threshold[-1] == 0.9

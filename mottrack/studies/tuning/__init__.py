@@ -1,0 +1,1 @@
+"""Settings of a tracker, chosen by leaving scenes out."""
