@@ -44,10 +44,13 @@ $(READY_DOCS): $(READY)
 	$(BIN)/python -m pip install -q -c constraints.txt -e ".[docs]"
 	@touch $@
 
-# The official evaluators pin other versions of numpy, so they live in an environment of their own.
+# The official evaluators pin other versions of numpy, so they live in environments of their own.
+# Waymo's has wheels for x86-64 and Python up to 3.11 alone: elsewhere its tests are skipped.
 oracle: $(READY)
 	test -x .venv-oracle/bin/python || $(PYTHON) -m venv .venv-oracle
 	.venv-oracle/bin/python -m pip install -q --no-deps -r tests/oracle/requirements.txt
+	test -x .venv-waymo/bin/python || $(PYTHON) -m venv .venv-waymo
+	-.venv-waymo/bin/python -m pip install -q --no-deps -r tests/oracle/requirements-waymo.txt
 	$(TEST_ENV) .venv-oracle/bin/python -m pytest -q tests/oracle -o addopts=
 
 peers:
@@ -59,4 +62,4 @@ forget:
 	find mottrack benchmarks -name '*.nb[ci]' -delete
 
 clean:
-	rm -rf $(VENV) .venv-oracle .venv-peers out site build dist
+	rm -rf $(VENV) .venv-oracle .venv-waymo .venv-peers out site build dist

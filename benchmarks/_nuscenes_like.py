@@ -1,6 +1,7 @@
 """Random tracks in nuScenes format, as dense as the validation split: 44 boxes a frame."""
 
 import json
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -207,3 +208,7 @@ def _box(sample: str, identity: int, kind: str, centre: F64, score: float) -> Ro
         "tracking_name": KINDS[kind].label,
         "tracking_score": score,
     }
+
+
+if __name__ == "__main__":
+    print(write_dataset(Path(sys.argv[1]), int(sys.argv[2]), seed=1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from typing import Annotated
 
@@ -9,8 +10,10 @@ import typer
 
 from mottrack.cli import (
     configs,
+    convert,
     data,
     eval,
+    exchange,
     machines,
     noise,
     paper,
@@ -56,11 +59,13 @@ GROUPS = (
     configs,
     warm,
     machines,
+    exchange,
     report,
     paper,
     view,
     eval,
     data,
+    convert,
     train,
     noise,
     stress,
@@ -77,11 +82,18 @@ def main() -> None:
     Errors of the file system are such: a full disk, a folder without permission to write.
     """
     from mottrack.core.errors import MottrackError
+    from mottrack.core.memory import exhausted, warn_when_scarce
 
+    for stream in (sys.stdout, sys.stderr):  # a terminal may not have every letter of a name
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    warn_when_scarce()
     try:
         app()
     except MottrackError as error:
         _fail(str(error))
+    except MemoryError:
+        _fail(exhausted())
     except BrokenPipeError:  # the reader of the output has closed it: `mottrack ... | head`
         sys.stderr.close()
         sys.exit(EXIT_USER_ERROR)

@@ -23,14 +23,18 @@ def synth(  # noqa: PLR0913
     *,
     scenes: Annotated[int, typer.Option(min=1, help="number of scenes")] = 2,
     format_name: Annotated[
-        str, typer.Option("--format", help="nuscenes, kitti or argoverse2")
+        str,
+        typer.Option(
+            "--format", help="nuscenes, t4, truckscenes, kitti, argoverse2, folder or ros (mcap)"
+        ),
     ] = "nuscenes",
     seed: Annotated[int, typer.Option(min=0, help="seed of everything random")] = 0,
     duration_s: Annotated[
         float, typer.Option("--duration", min=0.2, max=120.0, help="seconds a scene")
     ] = 20.0,
     version: Annotated[
-        str | None, typer.Option(help="v1.0-trainval (default) or v1.0-mini; nuscenes only")
+        str | None,
+        typer.Option(help="v1.0-trainval (default) or v1.0-mini; nuscenes and truckscenes only"),
     ] = None,
 ) -> None:
     """Write the embedded world as a data set in a real format, with truth and detections.
@@ -46,7 +50,8 @@ def synth(  # noqa: PLR0913
     world = SyntheticConfig(scenes=scenes, seed=seed, duration_s=duration_s)
     names = write_synthetic(out, format_name, world, version)
     typer.echo(f"{out}: {len(names)} scenes in {format_name} format ({names[0]} .. {names[-1]})")
-    typer.echo(f"detections: {out / FORMATS[format_name].detections}")
+    if FORMATS[format_name].detections:
+        typer.echo(f"detections: {out / FORMATS[format_name].detections}")
 
 
 def check(  # noqa: PLR0913
@@ -68,21 +73,16 @@ def check(  # noqa: PLR0913
 
     Example: mottrack check path/to/kitti_tracking
     """
-    from mottrack.core.errors import ConfigError
     from mottrack.core.processes import available_cores
     from mottrack.datasets.check import check_dataset, kind_of_folder
-    from mottrack.experiment.overrides import parse_override
+    from mottrack.experiment.overrides import data_settings
     from mottrack.experiment.plugins import load_part
 
     settings: dict[str, object] = {
         "kind": format_name or kind_of_folder(dataset),
         "root": str(dataset),
+        **data_settings(overrides or []),
     }
-    for override in overrides or []:
-        key, values = parse_override(override)
-        if len(values) != 1:
-            raise ConfigError(f"override '{override}' has several values; a check takes one")
-        settings[key.removeprefix("dataset.")] = values[0]
     opened = load_part("dataset", settings).make()
     result = check_dataset(opened, every=every, workers=workers or available_cores())
     for line in result.lines():
@@ -98,24 +98,24 @@ def submit(
     root: Annotated[
         Path | None, typer.Option(help="the data set, to check that no sample is missing")
     ] = None,
-    split: Annotated[str, typer.Option(help="the split that the submission is for")] = "val",
+    split: Annotated[
+        str | None, typer.Option(help="the split that it is for (default: that of the run)")
+    ] = None,
 ) -> None:
     """Write the tracks of a run as a nuScenes tracking submission.
 
     Example: mottrack submit out/val --root path/to/nuscenes --out submission.json
     """
-    from mottrack.core.errors import DataError, require_exists
     from mottrack.datasets.nuscenes.config import NuScenesConfig
     from mottrack.datasets.nuscenes.dataset import NuScenes
     from mottrack.datasets.nuscenes.submission import Samples, write_submission
-    from mottrack.runs.run_folder import RunFolder
+    from mottrack.runs.tracks_out import StoredTracks
 
-    require_exists(run)
-    folder = RunFolder(run)
-    if not folder.scenes:
-        raise DataError(run, "scenes", "none", "scenes/<scene>.npz of a finished run")
+    stored = StoredTracks.of(run)
+    wanted = split or stored.split
     tokens = None
     if root is not None:
-        tokens = Samples(NuScenes(NuScenesConfig(root=root, split=split)).sample_tokens(), split)
-    boxes = write_submission(out, map(folder.load, folder.scenes), expected=tokens)
-    typer.echo(f"{out}: {boxes} boxes in {len(folder.scenes)} scenes")
+        tokens = Samples(NuScenes(NuScenesConfig(root=root, split=wanted)).sample_tokens(), wanted)
+    boxes = write_submission(out, stored.results, expected=tokens)
+    scenes = len(stored.folder.scenes)
+    typer.echo(f"{out}: {boxes} boxes in {scenes} scenes, for split {wanted}")

@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from mottrack.cli.arguments import EXIT_SCENES_FAILED
+from mottrack.cli.arguments import EXIT_SCENES_FAILED, Talk
 
+MAIN_FIGURES = Talk()
+"""What is printed where nothing else is asked for."""
 NARROWEST = 60
 """Characters of a line of a table: below it the numbers of a row no longer stand side by side."""
 
 if TYPE_CHECKING:
-    from mottrack.cli.arguments import Talk
     from mottrack.runs.comparison import Comparison
     from mottrack.runs.runner import RunReport
     from mottrack.runs.shard import Shard
 
 
-def show_comparison(comparison: Comparison, talk: Talk) -> None:
+def show_comparison(comparison: Comparison, talk: Talk = MAIN_FIGURES) -> None:
     """Write tables and report, print the main figures; exit with 3 where scenes have failed."""
     from mottrack.formats.text_table import write_tables
     from mottrack.report.page import write_report

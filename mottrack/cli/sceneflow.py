@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -34,11 +34,13 @@ def sceneflow(  # noqa: PLR0913
     ] = None,
     write_files: Annotated[
         bool,
-        typer.Option("--write-files", help="Write the challenge's files of what was evaluated."),
+        typer.Option(
+            "--write-files", help="Write the challenge's files, and the archive to hand in."
+        ),
     ] = False,
     mask: Annotated[
         Path | None,
-        typer.Option(help="The challenge's masks, folder or zip: which points to evaluate."),
+        typer.Option(help="The challenge's masks, folder or zip: which sweeps and points."),
     ] = None,
     bootstrap: Annotated[int, typer.Option(min=2, help="Resamples of the intervals.")] = 400,
 ) -> None:
@@ -78,30 +80,51 @@ def _of_experiments(
 ) -> Iterator[tuple[str, SceneSums]]:
     """Yield the sums of each flow source of an experiment; write the files on request."""
     from mottrack.eval.sceneflow.figures import SceneSums
+    from mottrack.eval.sceneflow.files import pack_predictions
     from mottrack.experiment.experiment import load_experiments
 
     for experiment in load_experiments(config, overrides):
         place = folder and folder / experiment.title
-        yield experiment.title, SceneSums(tuple(_of_scenes(experiment, place, mask)))
+        written: list[str] = []
+        yield (
+            experiment.title,
+            SceneSums(tuple(_of_scenes(experiment, Files(place, mask, written)))),
+        )
+        if place is not None:
+            archive = place / "predictions.zip"
+            pack_predictions(place / "predictions", written, archive)
+            typer.echo(f"{experiment.title}: {len(written)} files in {archive}")
 
 
-def _of_scenes(
-    experiment: Experiment, folder: Path | None, mask: Path | None
-) -> Iterator[SceneFlowSums]:
+class Files(NamedTuple):
+    """The challenge's files around an evaluation."""
+
+    folder: Path | None
+    """Where to write annotations and predictions; None: nowhere."""
+    mask: Path | None
+    written: list[str]
+    """Names of the predictions that were written."""
+
+
+def _of_scenes(experiment: Experiment, files: Files) -> Iterator[SceneFlowSums]:
     from mottrack.core.errors import InputError
     from mottrack.eval.sceneflow.files import FileSet, write_annotation, write_prediction
     from mottrack.eval.sceneflow.sums import frame_sums, total
     from mottrack.pipeline.scene_flow import scene_flow_points
 
     dataset = experiment.dataset.make()
-    masks = None if mask is None else FileSet(mask).mask
+    folder = files.folder
+    masks = None if files.mask is None else FileSet(files.mask).mask
     for name in experiment.settings.scenes or dataset.scene_names:
         found = scene_flow_points(experiment, dataset.scene(name), masks)
         if not found:
-            raise InputError(f"scene {name}", "no pair", "two annotated frames with sweeps")
+            expected = "two annotated frames with sweeps, or frames that the masks name"
+            raise InputError(f"scene {name}", "no pair", expected)
         for sample in found:
             if folder is not None:
                 file = f"{name}/{sample.stamp_ns}.feather"
-                write_annotation(folder / "annotations", file, sample.points)
+                if sample.points.valid.any():
+                    write_annotation(folder / "annotations", file, sample.points)
                 write_prediction(folder / "predictions", file, sample.points)
+                files.written.append(file)
         yield total([frame_sums(sample.points) for sample in found])

@@ -23,6 +23,7 @@ def stress(
     kinds: Annotated[
         str, typer.Option(help="Kinds of damage, separated by commas; by default all.")
     ] = "",
+    bootstrap: Annotated[int, typer.Option(min=2, help="Resamples of the intervals.")] = 400,
 ) -> None:
     """Degrade detections and flow step by step and report where each tracker fails.
 
@@ -32,14 +33,16 @@ def stress(
     from mottrack.experiment.experiment import load_experiments
     from mottrack.formats.text_table import aligned
     from mottrack.studies.stress.damage import DAMAGES
-    from mottrack.studies.stress.study import outcomes, write_outputs
+    from mottrack.studies.stress.report import write_outputs
+    from mottrack.studies.stress.study import Plan, outcomes
 
     chosen = [kind.strip() for kind in kinds.split(",")] if kinds else list(DAMAGES)
     for kind in chosen:
         if kind not in DAMAGES:
             raise unknown_name("--kinds", kind, DAMAGES)
     experiments = load_experiments(config, overrides or [])
-    found = list(outcomes(experiments, chosen, lambda text: typer.echo(text, err=True)))
+    plan = Plan(chosen, bootstrap)
+    found = list(outcomes(experiments, plan, lambda text: typer.echo(text, err=True)))
     for table in write_outputs(out, found):
         lines = [[column.name for column in table.columns], *table.texts()]
         typer.echo(f"{table.title}\n{aligned(lines)}\n{table.note}\n")

@@ -119,8 +119,8 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
     from mottrack.experiment.configs import find_config
     from mottrack.experiment.overrides import parse_override, set_key
     from mottrack.experiment.validation_message import format_validation_error
-    from mottrack.experiment.yaml_file import read_yaml
     from mottrack.flow.pillarflow.training.config import TrainConfig
+    from mottrack.formats.yaml_file import read_yaml
 
     path = find_config(config)
     tree = read_yaml(path)

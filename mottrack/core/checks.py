@@ -16,6 +16,10 @@ COVARIANCE_TOLERANCE = 1e-6
 float32, which flow sources compute in, with a factor of about ten to spare."""
 
 
+MAX_PLACE_M = 1e8
+"""The Earth's own coordinates stay below 1e7 m; a place beyond this is a damaged number."""
+
+
 class Column(NamedTuple):
     """A column of a table: what each row holds."""
 
@@ -52,10 +56,7 @@ def as_array(
         raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
     if array.shape == (0,) and len(shape) > 1 and shape[0] in (None, 0) and None not in shape[1:]:
         array = array.reshape(0, *shape[1:])  # an empty list: no rows
-    fits = array.ndim == len(shape) and all(
-        want is None or have == want for have, want in zip(array.shape, shape, strict=True)
-    )
-    if not fits:
+    if array.shape != shape and not _fits(array.shape, shape):
         want = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"shape of {field}", array.shape, want)
     if array is not given:
@@ -63,6 +64,12 @@ def as_array(
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
+    return len(have) == len(want) and all(
+        n is None or n == m for n, m in zip(want, have, strict=True)
+    )
 
 
 def _refuse_masked(field: str, value: object) -> None:
@@ -133,6 +140,16 @@ def require_instance(field: str, value: object, kind: type[Any]) -> None:
 def require_finite(field: str, array: NDArray[Any]) -> None:
     """Raise InputError naming the first entry of ``array`` that is NaN or infinite."""
     require_all(field, array, np.isfinite(array), "a finite number")
+
+
+def require_within(field: str, array: NDArray[Any], most: float, unit: str) -> None:
+    """Raise InputError naming the first entry that is not finite, or larger than ``most``.
+
+    Squares of what is let through do not overflow.
+    """
+    if array.size and not (array.min() >= -most and array.max() <= most):  # NaN fails too
+        require_finite(field, array)
+        require_all(field, array, np.abs(array) <= most, f"within {most:g} {unit}".rstrip())
 
 
 def require_all(field: str, array: NDArray[Any], good: Mask, expected: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import pi
 
-from mottrack.core.checks import require_instance, set_stamp
+from mottrack.core.checks import MAX_PLACE_M, require_instance, require_within, set_stamp
 from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Truth
 from mottrack.core.pose import Pose
@@ -16,8 +16,8 @@ class Frame:
     """What a data set knows at one stamp, apart from the sweep itself.
 
     Raises:
-        InputError: detections or truth are not in the world frame, the pose is no `Pose`, or the
-            labelled azimuths are not ascending angles in [-pi, pi].
+        InputError: detections or truth are not in the world frame, the pose is no `Pose` or
+            no place on Earth, or the labelled azimuths are not ascending angles in [-pi, pi].
     """
 
     stamp_ns: int
@@ -38,6 +38,9 @@ class Frame:
     def __post_init__(self) -> None:
         set_stamp(self)
         require_instance("world_T_ego", self.world_T_ego, Pose)
+        require_within(
+            "world_T_ego.translation_m", self.world_T_ego.translation_m, MAX_PLACE_M, "m"
+        )
         right, left = self.labelled_azimuth_rad or (-pi, pi)
         if not -pi <= right < left <= pi:
             raise InputError("labelled_azimuth_rad", [right, left], "right < left in [-pi, pi]")

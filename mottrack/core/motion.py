@@ -15,6 +15,7 @@ from mottrack.core.checks import (
     require_all,
     require_covariance,
     require_finite,
+    require_within,
     set_array,
     set_stamp,
 )
@@ -27,6 +28,8 @@ from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 
 UNSEEN_M2PS2 = 1e6
 """Variance across the measured axis: (1 km/s)^2 carries no information."""
+MAX_SPEED_MPS, MAX_COVARIANCE_M2PS2 = 1e6, 1e13
+"""Beyond every vehicle and satellite, and above `UNSEEN_M2PS2` of any share: a damaged number."""
 WEIGHT_ROUNDING = 1e-4
 """Sums in float32 may exceed [0, 1] by this much."""
 UNIT_ROUNDING = 1e-6
@@ -148,7 +151,8 @@ class VelocityMeasurement:
         covariance = as_array("covariance_m2ps2", self.covariance_m2ps2, np.float64, (n, 2, 2))
         mean = np.where(valid[:, None], mean, 0.0)
         covariance = np.where(valid[:, None, None], covariance, 0.0)
-        require_finite("mean_mps", mean)
+        require_within("mean_mps", mean, MAX_SPEED_MPS, "m/s")
+        require_within("covariance_m2ps2", covariance, MAX_COVARIANCE_M2PS2, "m^2/s^2")
         require_covariance("covariance_m2ps2", covariance)
         object.__setattr__(self, "mean_mps", mean)
         object.__setattr__(self, "covariance_m2ps2", covariance)

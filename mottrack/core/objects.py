@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.checks import (
+    MAX_PLACE_M,
     Column,
     Columns,
     as_array,
@@ -18,10 +19,12 @@ from mottrack.core.checks import (
     require_covariance,
     require_finite,
     require_instance,
+    require_within,
     set_array,
     set_columns,
     set_stamp,
 )
+from mottrack.core.data_frames import Tabular, flattened
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.pictures import INK, TRACK, Plan, captioned, footprints
@@ -32,12 +35,20 @@ FRAMES = ("world", "ego")
 Hulls = tuple[F64, ...]
 
 
+MAX_SIZE_M = 1e5
+"""No object is 100 km long: such a size is a damaged number."""
+MAX_YAW_RAD = 1e6
+"""Headings may be unwrapped over hours; a larger one has lost its digits of the angle."""
+MAX_SCORE = 1e9
+"""Scores may be logits or sums of returns; squares and sums of larger ones overflow at last."""
+MAX_COVARIANCE = 1e12
+"""(1000 km)^2, (1000 km/s)^2: nothing is known of what is more uncertain."""
 GENERIC = "generic"
 """Label of an object that is not classified: a cluster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Boxes:
+class Boxes(Tabular):
     """N boxes at one stamp, in one frame, as a structure of arrays.
 
     Raises:
@@ -70,6 +81,9 @@ class Boxes:
         if self.frame not in FRAMES:
             raise InputError("frame", repr(self.frame), f"one of {', '.join(FRAMES)}")
         set_columns(self, self.COLUMNS, self.MAY_BE_NAN)
+        require_within("centre_m", self.centre_m, MAX_PLACE_M, "m")
+        require_within("size_m", self.size_m, MAX_SIZE_M, "m")
+        require_within("yaw_rad", self.yaw_rad, MAX_YAW_RAD, "rad")
         require_all("size_m", self.size_m, self.size_m > 0, "a positive number of metres")
 
     @classmethod
@@ -102,6 +116,12 @@ class Boxes:
         for outline in outlines:
             plan.polygon(outline, TRACK)
         return plan
+
+    def flat(self) -> dict[str, NDArray[Any]]:
+        """Return the stamp and `COLUMNS` by name, (N,) each, a column for each number."""
+        stamp_ns = np.full(len(self), self.stamp_ns)
+        columns = {name: getattr(self, name) for name in self.COLUMNS}
+        return {"stamp_ns": stamp_ns, **flattened(columns)}
 
     def select(self, index: NDArray[Any]) -> Self:
         """Return the rows that a boolean mask or an integer index picks, in that order."""
@@ -154,8 +174,10 @@ class Objects(Boxes):
         # zero-argument super() does not work in a dataclass with slots
         Boxes.__post_init__(self)
         n = len(self)
+        require_within("score", self.score, MAX_SCORE, "")
         if self.position_covariance_m2 is not None:
             covariance = set_array(self, "position_covariance_m2", np.float64, (n, 2, 2))
+            require_within("position_covariance_m2", covariance, MAX_COVARIANCE, "m^2")
             require_covariance("position_covariance_m2", covariance)
         if self.num_points is not None:
             set_array(self, "num_points", np.int64, (n,))

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64
 from mottrack.core.checks import require_all, require_finite, set_array
+from mottrack.core.concerns import Concern
 from mottrack.core.errors import InputError, ResultError
 from mottrack.core.pictures import INK, TRACK, TRUTH, Plan, captioned
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
 
-FORMAT = "mottrack scene result 2"
+FORMAT = "mottrack scene result 3"
 TABLES: dict[str, type[Table]] = {
     "frames": FrameTable,
     "truth": TruthTable,
@@ -25,6 +27,7 @@ TABLES: dict[str, type[Table]] = {
 }
 BOXES = (
     *("format", "name", "classes", "hull_xy_m"),
+    *("concerns.kind", "concerns.count", "concerns.example"),
     *(f"{prefix}.{c}" for prefix, kind in TABLES.items() if prefix != "flow" for c in kind.COLUMNS),
 )
 """Arrays of a stored result without the samples of its flow."""
@@ -55,6 +58,8 @@ class SceneResult:
     """Per stage (T,) seconds spent on each frame."""
     classes: tuple[str, ...] = ()
     """Labels that scores count; empty: every label that occurs."""
+    concerns: tuple[Concern, ...] = ()
+    """What of the scene's data was left out or is hardly meant."""
 
     def __post_init__(self) -> None:
         hull = set_array(self, "hull_xy_m", np.float64, (None, 2))
@@ -119,6 +124,9 @@ class SceneResult:
             "name": np.array(self.name),
             "classes": np.array(self.classes, dtype=np.str_),
             "hull_xy_m": self.hull_xy_m,
+            "concerns.kind": np.array([c.kind for c in self.concerns], dtype=np.str_),
+            "concerns.count": np.array([c.count for c in self.concerns], dtype=np.int64),
+            "concerns.example": np.array([c.example for c in self.concerns], dtype=np.str_),
         }
         for prefix, kind in TABLES.items():
             table = getattr(self, prefix)
@@ -151,9 +159,15 @@ class SceneResult:
                 str(arrays["name"]),
                 hull_xy_m=arrays["hull_xy_m"],
                 classes=tuple(arrays["classes"].tolist()),
+                concerns=_concerns(arrays),
                 **tables,  # type: ignore[arg-type]
             )
         except KeyError as error:
             raise ResultError(path, "content", f"without {error}", "every column") from error
         except InputError as error:
             raise ResultError(path, error.field, error.value, error.expected) from error
+
+
+def _concerns(arrays: dict[str, NDArray[Any]]) -> tuple[Concern, ...]:
+    columns = (arrays[f"concerns.{name}"].tolist() for name in ("kind", "count", "example"))
+    return tuple(Concern(*row) for row in zip(*columns, strict=True))

@@ -6,9 +6,10 @@ import hashlib
 import io
 import os
 import tempfile
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +33,20 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 
 def _replace(path: Path, data: bytes) -> None:
+    with atomic_file(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def atomic_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a file to be written piece by piece; it takes its name when all is written."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(
         dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED
     )
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         Path(temporary).chmod(0o644)  # mkstemp makes files that only their owner can read
@@ -56,7 +64,25 @@ def discard_unfinished(folder: Path) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file atomically."""
-    write_bytes(path, text.encode())
+    write_bytes(path, utf8(text))
+
+
+def utf8(text: str) -> bytes:
+    """Return a text's UTF-8 bytes, whatever the locale it came from.
+
+    Arguments and file names that the locale's encoding does not take hold their bytes as lone
+    surrogates: those that are UTF-8 become what was meant, others are replaced.
+    """
+    try:
+        return text.encode()
+    except UnicodeEncodeError:
+        raw = text.encode("utf-8", "surrogateescape" if _escaped(text) else "replace")
+        return raw.decode("utf-8", "replace").encode()
+
+
+def _escaped(text: str) -> bool:
+    """Return whether every lone surrogate stands for a byte."""
+    return all(not "\ud800" <= c <= "\udfff" or "\udc80" <= c <= "\udcff" for c in text)
 
 
 def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F32, F64, I16, I64
-from mottrack.core.checks import require_finite, require_instance, set_array, set_stamp
+from mottrack.core.checks import (
+    MAX_PLACE_M,
+    require_finite,
+    require_instance,
+    require_within,
+    set_array,
+    set_stamp,
+)
 from mottrack.core.errors import InputError
 from mottrack.core.pose import Pose
 
@@ -50,9 +57,12 @@ class Sweep:
         reflectance = set_array(self, "reflectance", np.float32, (n,))
         origin_m = set_array(self, "origin_m", np.float64, (3,))
         require_instance("world_T_ego", self.world_T_ego, Pose)
-        require_finite("xyz_m", xyz_m)
+        require_within("xyz_m", xyz_m, MAX_PLACE_M, "m")
+        require_within(
+            "world_T_ego.translation_m", self.world_T_ego.translation_m, MAX_PLACE_M, "m"
+        )
         require_finite("reflectance", reflectance)
-        require_finite("origin_m", origin_m)
+        require_within("origin_m", origin_m, MAX_PLACE_M, "m")
         if n and not (reflectance.min() >= 0.0 and reflectance.max() <= 1.0):
             span = [float(reflectance.min()), float(reflectance.max())]
             raise InputError("range of reflectance", span, "within [0, 1]")
@@ -75,6 +85,11 @@ class Sweep:
             ring=None if self.ring is None else self.ring[index],
         )
 
+    @classmethod
+    def lost(cls, stamp_ns: int, world_T_ego: Pose) -> Sweep:
+        """Return a sweep without points: one that was not recorded, or did not arrive."""
+        return cls(np.zeros((0, 3), np.float32), np.zeros(0, np.float32), stamp_ns, world_T_ego)
+
     def seen_from(self, other: Sweep) -> Sweep:
         """Return the same points in the ego frame of ``other``: ego motion removed, time kept.
 
@@ -91,6 +106,13 @@ class Sweep:
 
 
 SECOND_NS = 1_000_000_000
+FASTEST_EGO_MPS = 80.0
+"""290 km/h: a vehicle that was faster between two sweeps has not moved, its pose has jumped."""
+FASTEST_TURN_RADPS = 10.0
+"""More than a turn and a half a second: faster than any vehicle spins, and than a hand turns."""
+JUMP_SLACK_M, JUMP_SLACK_RAD = 1.0, 0.2
+"""Steps of a localisation that corrects itself are smaller; sweeps of two sensors may be a
+millisecond apart, in which any of them would be too fast."""
 
 
 @overload
@@ -102,6 +124,23 @@ def seconds_between(earlier_ns: int, later_ns: I64) -> F64: ...
 def seconds_between(earlier_ns: Any, later_ns: Any) -> Any:
     """Return the elapsed time in seconds between stamps in nanoseconds, or arrays of them."""
     return (later_ns - earlier_ns) * 1e-9
+
+
+def has_jumped(previous: Sweep, current: Sweep) -> bool:
+    """Return whether the pose moved or turned farther than any vehicle does in the elapsed time.
+
+    Of such a pair the ego motion is not known, so that no velocity can be measured from it.
+    """
+    elapsed_s = max(seconds_between(previous.stamp_ns, current.stamp_ns), 0.0)
+    before, now = previous.world_T_ego, current.world_T_ego
+    moved_m = float(np.linalg.norm(now.translation_m - before.translation_m))
+    # the trace of a rotation by an angle is 1 + 2 cos(angle)
+    cosine = 0.5 * (float(np.einsum("ij,ij->", before.rotation, now.rotation)) - 1.0)
+    turned_rad = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return (
+        moved_m > FASTEST_EGO_MPS * elapsed_s + JUMP_SLACK_M
+        or turned_rad > FASTEST_TURN_RADPS * elapsed_s + JUMP_SLACK_RAD
+    )
 
 
 def median_period_s(stamps_ns: Sequence[int] | I64, default_s: float) -> float:

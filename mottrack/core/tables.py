@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F32, F64, I64, Mask, Texts
 from mottrack.core.checks import Column, Columns, require_all, set_columns
+from mottrack.core.data_frames import Tabular, flattened
 from mottrack.core.frame import Frame
 from mottrack.core.objects import Tracks
 
 ALL_AROUND_RAD = (-np.pi, np.pi)
 
 
-class Table:
+class Table(Tabular):
     """Columns of equal length, checked on construction."""
 
     COLUMNS: ClassVar[Columns] = {}
@@ -33,6 +34,10 @@ class Table:
 
     def __len__(self) -> int:
         return len(getattr(self, next(iter(self.COLUMNS))))
+
+    def flat(self) -> dict[str, NDArray[Any]]:
+        """Return the columns by name, (N,) each: a vector is a column for each of its numbers."""
+        return flattened({name: getattr(self, name) for name in self.COLUMNS})
 
     @classmethod
     def empty(cls) -> Self:
@@ -173,6 +178,8 @@ class TrackTable(BoxTable):
         "observed": Column(np.bool_),
         "hull_corners": Column(np.int64),
     }
+    MAY_BE_NAN: ClassVar[frozenset[str]] = frozenset({"velocity_mps"})
+    """Trackers of others may report no velocity."""
 
     velocity_covariance_m2ps2: F64
     score: F64

@@ -24,9 +24,21 @@ DATASETS: dict[str, TableEntry] = {
         "mottrack.datasets.nuscenes.dataset:NuScenes",
         "The scenes of one version and split, without the devkit.",
     ),
+    "py123d": TableEntry(
+        "mottrack.datasets.py123d.dataset:Py123d",
+        "The logs of a folder in 123D's Arrow format, whatever data set they come from.",
+    ),
     "ros": TableEntry(
         "mottrack.datasets.ros.dataset:RosLogs",
-        "The mcap files of a folder, a scene each: PointCloud2 for sweeps, Odometry for poses.",
+        "The logs of a folder, ROS 2 or ROS 1, a scene each: PointCloud2, Odometry or tf, boxes.",
+    ),
+    "t4": TableEntry(
+        "mottrack.datasets.nuscenes.t4:T4",
+        "The data sets of a folder in Autoware's T4 format, a scene each.",
+    ),
+    "truckscenes": TableEntry(
+        "mottrack.datasets.nuscenes.dataset:TruckScenes",
+        "The scenes of one version and split of MAN TruckScenes, six LiDARs in one sweep.",
     ),
     "synthetic": TableEntry(
         "mottrack.datasets.synthetic:SyntheticDataset",

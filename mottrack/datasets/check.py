@@ -21,13 +21,16 @@ from mottrack.datasets.plausibility.watch import SceneWatch
 from mottrack.formats.faults import MissingError, kind_of
 
 LAYOUTS = {
-    "nuscenes": "v1.0-*",
-    "kitti": "*/label_02",
-    "argoverse2": "*/*/city_SE3_egovehicle.feather",
-    "folder": "*/poses.csv",
-    "ros": "*.mcap",
+    "t4": tuple(f"{below}annotation/sample_data.json" for below in ("", "*/", "*/*/")),
+    "truckscenes": ("samples/LIDAR_LEFT",),
+    "nuscenes": ("v1.0-*",),
+    "kitti": ("*/label_02",),
+    "argoverse2": ("*/*/city_SE3_egovehicle.feather",),
+    "folder": ("*/poses.csv",),
+    "py123d": tuple(f"{below}sync.arrow" for below in ("*/", "*/*/")),
+    "ros": ("*.mcap", "*.bag", "*.db3", "metadata.yaml", "*/metadata.yaml"),
 }
-"""A name that only a data set of this kind has."""
+"""Names that only a data set of this kind has."""
 MIN_POINTS = 100
 """Fewer than one beam of any LiDAR returns in a revolution."""
 SHOWN = 5
@@ -112,8 +115,8 @@ def kind_of_folder(root: Path) -> str:
     if not root.is_dir():
         found = "is a file" if root.exists() else "does not exist"
         raise ConfigError(f"{root} {found}, expected the folder of a data set")
-    for kind, pattern in LAYOUTS.items():
-        if next(root.glob(pattern), None) is not None:
+    for kind, patterns in LAYOUTS.items():
+        if any(next(root.glob(pattern), None) is not None for pattern in patterns):
             return kind
     raise ConfigError(
         f"{root} looks like no known data set: name its --format ({', '.join(LAYOUTS)})"
@@ -230,7 +233,7 @@ def _sweep(check: SceneCheck, scene: Scene, index: int, frame: Frame | None) -> 
         return None
     check.counts["sweeps read"] += 1
     check.counts["points"] += len(sweep)
-    if len(sweep) < MIN_POINTS:
+    if 0 < len(sweep) < MIN_POINTS:  # one without points was lost, and is counted by the watch
         check.add("truncated", f"sweep {sweep.stamp_ns}: {len(sweep)} points")
     if frame is not None and frame.stamp_ns != sweep.stamp_ns:
         check.add("out of order", f"sweep {sweep.stamp_ns} at frame {frame.stamp_ns}")

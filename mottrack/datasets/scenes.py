@@ -8,8 +8,6 @@ from pathlib import Path
 from mottrack.core.errors import ConfigError, InputError, unknown_name
 from mottrack.formats.faults import MissingError
 
-FOREIGN_LOGS = ("*.bag", "*.db3", "*/*.db3")
-"""ROS 1 bags, and the database of ROS 2 before mcap."""
 SWEEP_OR_OPTION = "a file; dataset.require_sweeps=true leaves out frames without a sweep"
 """What is expected of a sweep by data sets that have the option."""
 
@@ -27,18 +25,8 @@ def scenes_in(folder: Path, pattern: str) -> tuple[str, ...]:
     paths = folder.glob(pattern)
     names = sorted(p.stem if p.parent == folder else p.parent.name for p in paths)
     if not names:
-        found = "none"
-        if any(any(folder.glob(other)) for other in FOREIGN_LOGS):
-            found = "none, but logs of another format"
-        raise MissingError(folder, "scenes", found, _scene_words(pattern))
+        raise MissingError(folder, "scenes", "none", pattern.replace("*", "<scene>"))
     return tuple(names)
-
-
-def _scene_words(pattern: str) -> str:
-    words = pattern.replace("*", "<scene>")
-    if pattern == "*.mcap":
-        words += " (rosbags-convert makes them of ROS 1 bags and ROS 2 sqlite files)"
-    return words
 
 
 def chosen_scenes(wanted: tuple[str, ...] | None, present: tuple[str, ...]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mottrack.core.arrays import F64, I64
+from mottrack.core.arrays import F64, I64, Mask
 
 DENSE = 1_000_000
 """Boxes times boxes of a frame up to which the whole matrix is solved: 1000 of each, 8 MB. Crowds
@@ -78,8 +78,11 @@ def most_gain(row: I64, column: I64, gain: F64, shape: tuple[int, int]) -> I64:
     """
     if shape[0] * shape[1] <= DENSE:
         return _most_gain_of_matrix(np.arange(len(row)), (row, column), gain, shape)
-    found = [np.zeros(0, np.int64)]
-    for group in groups(row, column):
+    alone = lone_pairs(row, column)
+    found = [np.flatnonzero(alone)]
+    shared = np.flatnonzero(~alone)
+    for group in groups(row[shared], column[shared]):
+        group = Group(shared[group.pair], group.row, group.column)
         i, j, _ = group.matrix(gain, 0.0)
         places = np.searchsorted(i, group.row), np.searchsorted(j, group.column)
         size = (len(i), len(j))
@@ -95,6 +98,12 @@ def _most_gain_of_matrix(
     # a row without a better partner is assigned one that it has nothing in common with
     found = number[linear_sum_assignment(dense, maximize=True)]
     return found[found >= 0]
+
+
+def lone_pairs(row: I64, column: I64) -> Mask:
+    """Return which pairs (P,) share neither row nor column with another one: they are matched."""
+    lone: Mask = (np.bincount(row)[row] == 1) & (np.bincount(column)[column] == 1)
+    return lone
 
 
 class Group(NamedTuple):

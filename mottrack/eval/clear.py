@@ -13,8 +13,8 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.eval import arithmetic
-from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED
-from mottrack.eval.assignment import DENSE, groups, linear_sum_assignment
+from mottrack.eval.arithmetic import MOSTLY_LOST, MOSTLY_TRACKED, distinct
+from mottrack.eval.assignment import DENSE, groups, linear_sum_assignment, lone_pairs
 from mottrack.eval.pairs import FrameRows, Pairs
 
 MISSES = ("late start", "gap", "early end", "never found")
@@ -89,14 +89,17 @@ def associate(pairs: Pairs) -> Association:
     last = np.full(int(truth_id.max(initial=-1)) + 1, -1)
     plain = pairs.plain_frames()
     objects, hypotheses = truth_id[pairs.truth_row], track_id[pairs.track_row]
-    settled = plain[pairs.frame]
+    settled = _settled(pairs, plain)
     track_row[pairs.truth_row[settled]] = pairs.track_row[settled]
     distance[pairs.truth_row[settled]] = pairs.distance[settled]
-    frames = np.unique(pairs.frame)
-    for rows, one_each in zip(pairs.by_frame(frames), plain[frames].tolist(), strict=True):
-        if one_each:
-            last[objects[rows.pairs]] = hypotheses[rows.pairs]
-            continue
+    done = 0
+    crowded = np.flatnonzero(~plain)
+    for rows in pairs.by_frame(crowded):
+        # what is settled up to here, in order of time: of an object's matches the last one stays
+        before = slice(done, rows.pairs.stop)
+        certain = settled[before]
+        last[objects[before][certain]] = hypotheses[before][certain]
+        done = rows.pairs.stop
         for part in _parts(pairs, rows):
             i, j = truth_id[rows.truth][part.row], track_id[rows.tracks][part.column]
             match = _match_frame(part.distance, last[i], j)
@@ -138,8 +141,19 @@ def _parts(pairs: Pairs, rows: FrameRows) -> Iterator[_Part]:
         return
     row = pairs.truth_row[rows.pairs] - rows.truth.start
     column = pairs.track_row[rows.pairs] - rows.tracks.start
-    for group in groups(row, column):
-        yield _Part(*group.matrix(pairs.distance[rows.pairs], np.nan))
+    shared = ~lone_pairs(row, column)
+    for group in groups(row[shared], column[shared]):
+        yield _Part(*group.matrix(pairs.distance[rows.pairs][shared], np.nan))
+
+
+def _settled(pairs: Pairs, plain: Mask) -> Mask:
+    """Return the pairs that are matched for certain, (P,).
+
+    Those of frames in which no box has two pairs, and of a crowd those that share no box.
+    """
+    sizes = np.diff(pairs.truth.edges(pairs.frames)) * np.diff(pairs.tracks.edges(pairs.frames))
+    lone = lone_pairs(pairs.truth_row, pairs.track_row)
+    return plain[pairs.frame] | (lone & (sizes > DENSE)[pairs.frame])
 
 
 def _match_frame(distance: F64, last: I64, hypotheses: I64) -> I64:
@@ -197,7 +211,7 @@ def _fragmentations(object_of: I64, hit: Mask) -> int:
     order = np.argsort(object_of, kind="stable")
     objects, found = object_of[order], hit[order]
     starts = found & ~np.r_[False, found[:-1] & (objects[1:] == objects[:-1])]
-    return int(np.count_nonzero(starts) - len(np.unique(objects[found])))
+    return int(np.count_nonzero(starts) - len(distinct(objects[found])))
 
 
 def miss_kinds(object_of: I64, frame: I64, hit: Mask) -> Texts:

@@ -166,3 +166,57 @@ FLOW = (
         unit="%",
     ),
 )
+
+PROTOCOLS = (
+    MetricInfo(
+        "motar",
+        "MOTAR",
+        "nuScenes: MOTA at one recall level, corrected for the misses that the level implies.",
+        lower_is_better=False,
+    ),
+    MetricInfo(
+        "samota",
+        "sAMOTA",
+        "KITTI by AB3DMOT: the mean over 40 recall levels of MOTA scaled to [0, 1].",
+        lower_is_better=False,
+    ),
+    MetricInfo(
+        "mostly_tracked",
+        "MT, ML",
+        "True tracks that are matched in at least 80 %, in less than 20 % of their frames.",
+        digits=0,
+    ),
+    MetricInfo(
+        "tid",
+        "TID, LGD",
+        "nuScenes: seconds until a true track is first matched; its longest gap in seconds.",
+        lower_is_better=True,
+        unit="s",
+    ),
+    MetricInfo(
+        "det_a",
+        "DetA",
+        "Detection accuracy of HOTA: matches over matches, misses and false positives.",
+        lower_is_better=False,
+    ),
+    MetricInfo(
+        "ass_a",
+        "AssA",
+        "Association accuracy of HOTA: how much of both tracks of a match agrees, on average.",
+        lower_is_better=False,
+    ),
+    MetricInfo("loc_a", "LocA", "Mean similarity of the matches of HOTA.", lower_is_better=False),
+    MetricInfo(
+        "argoverse2_amota",
+        "AMOTA (Argoverse 2)",
+        "Mean of MOTA, negative ones as 0, over ten score thresholds.",
+        lower_is_better=False,
+    ),
+    MetricInfo(
+        "waymo_mota",
+        "MOTA (Waymo)",
+        "MOTA at the best of 101 score cutoffs, with Waymo's rule of mismatches.",
+        lower_is_better=False,
+    ),
+)
+"""Of one protocol or a part of another metric; a run's tables do not have columns for them."""

@@ -17,11 +17,16 @@ from mottrack.core.arrays import Mask
 from mottrack.core.concerns import Concern
 from mottrack.core.storage import write_text
 from mottrack.eval import clear, hota, identity
+from mottrack.eval.arithmetic import distinct
 from mottrack.eval.assignment import linear_sum_assignment
 from mottrack.eval.mot_boxes import DISTRACTORS, PEDESTRIAN, MotBoxes, concerns, read_boxes
 from mottrack.eval.pairs import BoxStream, Extended, Pairs, find_pairs, iou_gate, overlap
+from mottrack.formats.strict_json import strict
 from mottrack.formats.text_table import aligned
 from mottrack.geometry.rectangles import rectangle_iou, rectangle_iou_of_pairs
+
+_RATES = ("mota", "motp", "recall", "precision")
+"""Properties of the CLEAR counts that are ratios of sums."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +95,7 @@ def preprocess(truth: MotBoxes, tracks: MotBoxes, min_iou: float) -> tuple[MotBo
 def _on_distractors(truth: MotBoxes, tracks: MotBoxes, distract: Mask, gate: float) -> Mask:
     """(P,) tracks whose best match among all true boxes is a distractor."""
     out = np.zeros(len(tracks), np.bool_)
-    for frame in np.unique(truth.frame[distract]):
+    for frame in distinct(truth.frame[distract]):
         rows, columns = np.flatnonzero(truth.frame == frame), np.flatnonzero(tracks.frame == frame)
         similarity = rectangle_iou(truth.box[rows], tracks.box[columns])
         # as TrackEval: an overlap of the gate itself still matches
@@ -111,7 +116,7 @@ def score_boxes(truth: MotBoxes, tracks: MotBoxes, min_iou: float = 0.5) -> MotS
 
 def image_pairs(truth: MotBoxes, tracks: MotBoxes) -> Pairs:
     """Return all overlapping pairs of a sequence; frames without any box are left out."""
-    listed = np.unique(np.concatenate([truth.frame, tracks.frame]))
+    listed = distinct(np.concatenate([truth.frame, tracks.frame]))
     first, second = (BoxStream(np.searchsorted(listed, s.frame), s.id) for s in (truth, tracks))
     true, said = (Extended(side.box, side.box[:, [0, 2]]) for side in (truth, tracks))
     measure = overlap(rectangle_iou, true, said, rectangle_iou_of_pairs)
@@ -127,10 +132,38 @@ def together(scores: Sequence[MotScores]) -> MotScores:
     )
 
 
-def write_outputs(folder: Path, scores: dict[str, MotScores]) -> None:
-    """Write mot.json: the metrics of every sequence and HOTA over alpha."""
+def intervals(scores: Sequence[MotScores], resamples: int) -> dict[str, list[float]]:
+    """Return the ends of the 95 % interval of each metric over sequences, NaN for one sequence."""
+    from mottrack.eval.additive import hota_metrics, identity_metrics, property_metric, sampled
+    from mottrack.eval.paired import draw
+
+    counts = [s.clear for s in scores]
+    metrics = {name: property_metric(counts, name) for name in _RATES}
+    metrics |= identity_metrics([s.identity for s in scores])
+    metrics |= hota_metrics([s.hota for s in scores])
+    found = sampled(metrics, draw(len(scores), resamples))
+    return {name: list(metric.interval()) for name, metric in found.items()}
+
+
+def write_outputs(
+    folder: Path, scores: dict[str, MotScores], ends: dict[str, list[float]] | None = None
+) -> None:
+    """Write mot.json: the metrics of every sequence and HOTA over alpha; intervals of all."""
     content = {name: {**s.as_dict(), "alphas": s.alphas()} for name, s in scores.items()}
+    if ends:
+        content["all"]["intervals"] = strict(ends)
     write_text(folder / "mot.json", json.dumps(content, indent=2))
+
+
+def format_intervals(score: MotScores, ends: dict[str, list[float]]) -> str:
+    """Return a line per metric of all sequences together."""
+    row = score.as_dict()
+    if all(np.isnan(low) for low, _ in ends.values()):
+        return "only one sequence: no confidence interval"
+    lines = [["metric", "all", "95 % interval over sequences"]]
+    for name, (low, high) in ends.items():
+        lines.append([name, f"{row[name]:.4f}", f"[{low:.4f}, {high:.4f}]"])
+    return aligned(lines)
 
 
 def format_table(scores: dict[str, MotScores]) -> str:

@@ -12,24 +12,14 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.concerns import Concern
-from mottrack.formats.columns import Columns, ColumnSpec, specs
-from mottrack.formats.text_rows import Layout, check_whole, read_text_columns
+from mottrack.formats.columns import Columns
+from mottrack.formats.mot_rows import BOX, read_mot_rows
 
 PEDESTRIAN = 1
 DISTRACTORS = (2, 7, 8, 12)
 """Of MOT16 and later: person on vehicle, static person, distractor, reflection."""
 CLASSES = 13
 """Numbered from 1 in MOT16, MOT17 and MOT20."""
-MAX_PX = 1e6
-"""No image is larger."""
-_BOX = ("left", "top", "width", "height")
-_COLUMNS = (
-    *specs("frame", "id", *_BOX),
-    ColumnSpec("confidence", default=1.0),
-    ColumnSpec("class", default=-1.0),
-)
-_LAYOUT = Layout(optional=2, loose=True)
-"""Visibility or a place on the ground may follow. Most files have commas, some white space."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +54,8 @@ def read_boxes(path: Path) -> MotBoxes:
     Raises:
         DataError: a broken line, a size below 0, or an identity twice in a frame.
     """
-    table = read_text_columns(path, _COLUMNS, _LAYOUT)
-    check_whole(table, "frame", "id")
-    for name in _BOX:
-        table.refuse(name, np.abs(table[name]) > MAX_PX, f"within {MAX_PX:g} pixels")
-    for name in ("width", "height"):
-        table.refuse(name, table[name] < 0.0, "0 pixels or more")
-    table = table.select(np.argsort(table["frame"], kind="stable"))
-    keys = np.column_stack([table["frame"], table["id"]])
-    table.refuse_repeated("id", keys, "each id once a frame")
-    left_top, size = table.stacked(_BOX[:2]), table.stacked(_BOX[2:])
+    table = read_mot_rows(path)
+    left_top, size = table.stacked(BOX[:2]), table.stacked(BOX[2:])
     return MotBoxes(
         frame=table["frame"].astype(np.int64),
         id=table["id"].astype(np.int64),

@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.special import stdtrit
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
@@ -42,7 +41,7 @@ class MetricKey:
     """Names one metric of a run."""
 
     table: str
-    """"tracking", "velocity", "flow" or "runtime"."""
+    """Such as "tracking", "velocity", "flow", "sceneflow", "runtime"."""
     row: str
     """Row of that table."""
     metric: str
@@ -316,4 +315,6 @@ def student_interval(value: float, deviation: float, scenes: int) -> tuple[float
 
 def student_quantile(scenes: int) -> float:
     """Return how many standard deviations of a mean of S scenes its 95 % interval reaches."""
+    from scipy.special import stdtrit  # slow to import, and needed for intervals alone
+
     return float(stdtrit(scenes - 1, 0.5 + CONFIDENCE / 2))

@@ -72,11 +72,30 @@ class Pairs:
 
     def within(self, gate: float) -> Pairs:
         """Return the pairs whose distance is below the gate."""
-        keep = self.distance < gate
+        return self._kept(self.distance < gate)
+
+    def similar(self, least: float) -> Pairs:
+        """Return the pairs of at least this similarity."""
+        return self._kept(self.similarity >= least)
+
+    def _kept(self, keep: Mask) -> Pairs:
         return replace(
             self,
             truth_row=self.truth_row[keep],
             track_row=self.track_row[keep],
+            distance=self.distance[keep],
+            similarity=self.similarity[keep],
+        )
+
+    def of_tracks(self, chosen: Mask) -> Pairs:
+        """Return the same sequence with only the chosen track boxes, (boxes of tracks,)."""
+        keep = chosen[self.track_row]
+        row = np.cumsum(chosen) - 1
+        return replace(
+            self,
+            tracks=BoxStream(self.tracks.frame[chosen], self.tracks.id[chosen]),
+            truth_row=self.truth_row[keep],
+            track_row=row[self.track_row[keep]],
             distance=self.distance[keep],
             similarity=self.similarity[keep],
         )

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from mottrack.config import StrictModel
 from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, Mask
+from mottrack.core.scene_objects import SceneObjects
 from mottrack.core.tables import TrackTable, TruthTable
 
 
@@ -64,17 +65,18 @@ class Region(StrictModel):
             truth: whether true boxes are left out too; a track at the border may lie on an object
                 whose centre is just beyond it.
         """
-        inside = self._boxes(result, result.tracks)
+        inside = self.holds(result, result.tracks)
         hulls = [hull for hull, kept in zip(result.hulls, inside, strict=True) if kept]
         return replace(
             result,
-            truth=result.truth.select(self._boxes(result, result.truth)) if truth else result.truth,
+            truth=result.truth.select(self.holds(result, result.truth)) if truth else result.truth,
             tracks=result.tracks.select(inside),
             hull_xy_m=np.concatenate([np.zeros((0, 2)), *hulls]),
             flow=result.flow.select(self._cells(result)),
         )
 
-    def _boxes(self, result: SceneResult, table: TruthTable | TrackTable) -> Mask:
+    def holds(self, result: SceneResult, table: TruthTable | TrackTable | SceneObjects) -> Mask:
+        """Return (N,) whether the centres of boxes of a scene lie in the region."""
         world_T_ego = result.frames.world_T_ego[table.frame]
         from_ego = table.centre_m - world_T_ego[:, :3, 3]
         ego_xy_m = np.einsum("nij,ni->nj", world_T_ego[:, :3, :2], from_ego)

@@ -10,11 +10,13 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, Mask
+from mottrack.core.data_frames import Tabular
 from mottrack.core.tables import TrackTable, TruthTable
 from mottrack.eval import clear, hota, identity
 from mottrack.eval.flow_error import FlowError
@@ -112,7 +114,7 @@ class ClassScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Scores:
+class Scores(Tabular):
     """All metrics of a run."""
 
     overall: ClassScores
@@ -132,6 +134,25 @@ class Scores:
         }
         plain: dict[str, Any] = strict(metrics)
         return plain
+
+    def flat(self) -> dict[str, NDArray[Any]]:
+        """Return a row for each figure: table, row (class or category), metric, value."""
+        tables = {
+            "tracking": {"all": self.overall.as_dict()}
+            | {name: scores.as_dict() for name, scores in self.classes.items()},
+            "velocity_error": {name: asdict(row) for name, row in self.velocity.items()},
+            "flow_error": {name: asdict(row) for name, row in self.flow.items()},
+        }
+        rows = [
+            (table, row, metric, value)
+            for table, parts in tables.items()
+            for row, figures in parts.items()
+            for metric, value in figures.items()
+        ]
+        names = ("table", "row", "metric", "value")
+        kinds = (np.str_, np.str_, np.str_, np.float64)
+        columns = zip(*rows, strict=True)
+        return {n: np.array(c, k) for n, k, c in zip(names, kinds, columns, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,11 +129,15 @@ class VelocitySamples:
 def velocity_samples(
     result: SceneResult, config: VelocityErrorConfig | None = None
 ) -> VelocitySamples:
-    """Return the track rows of a scene that count, with their error."""
+    """Return the track rows of a scene that count, with their error.
+
+    Rows without a velocity, of trackers that report none, do not count.
+    """
     config = config or VelocityErrorConfig()
     tracks, truth = result.tracks, result.truth
     matched = match_by_overlap(result, config.significant_overlap, config.revolution_s)
-    counts = (matched != LEFT_OUT) & (tracks.observed | config.coasting)
+    reported = np.isfinite(tracks.velocity_mps).all(axis=1)
+    counts = (matched != LEFT_OUT) & (tracks.observed | config.coasting) & reported
     rows, objects = np.flatnonzero(counts), matched[counts]
     has = objects != NO_OBJECT
     true_velocity = np.zeros((len(rows), 2))

@@ -71,7 +71,8 @@ def object_rows(result: SceneResult, config: VelocityErrorConfig) -> ObjectRows:
     """Return the matched true boxes of a scene with the error of their nearest track."""
     tracks, truth = result.tracks, result.truth
     matched = match_by_overlap(result, config.significant_overlap, config.revolution_s)
-    rows = np.flatnonzero((matched >= 0) & (tracks.observed | config.coasting))
+    reported = np.isfinite(tracks.velocity_mps).all(axis=1)
+    rows = np.flatnonzero((matched >= 0) & (tracks.observed | config.coasting) & reported)
     apart_m = np.hypot(*(tracks.centre_m[rows, :2] - truth.centre_m[matched[rows], :2]).T)
     order = np.lexsort((apart_m, matched[rows]))
     box, first = np.unique(matched[rows][order], return_index=True)

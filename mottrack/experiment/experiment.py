@@ -18,7 +18,7 @@ from mottrack.experiment.overrides import GROUPS, Choice, expand, fitting, parse
 from mottrack.experiment.plugins import Part, has_key, load_part
 from mottrack.experiment.settings import Settings
 from mottrack.experiment.validation_message import format_validation_error
-from mottrack.experiment.yaml_file import read_yaml
+from mottrack.formats.yaml_file import read_yaml
 
 
 @dataclass(frozen=True)

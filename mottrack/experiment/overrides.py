@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mottrack.core.errors import ConfigError
-from mottrack.experiment.yaml_file import parse_scalar
+from mottrack.formats.yaml_file import parse_scalar
 
 GROUPS = ("dataset", "objects", "flow", "tracker")
 
@@ -45,6 +45,21 @@ def parse_override(text: str) -> tuple[str, list[Any]]:
     if len(parts) > 1 and not all(p.strip() for p in parts):
         raise ConfigError(f"override '{text}' has an empty value between commas")
     return key, [parse_scalar(p.strip()) for p in parts]
+
+
+def data_settings(overrides: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of one data set, `dataset.` before a key or not.
+
+    Raises:
+        ConfigError: an override has several values, or is none.
+    """
+    settings = {}
+    for override in overrides:
+        key, values = parse_override(override)
+        if len(values) != 1:
+            raise ConfigError(f"override '{override}' has several values, expected one")
+        settings[key.removeprefix("dataset.")] = values[0]
+    return settings
 
 
 def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[Variant]:

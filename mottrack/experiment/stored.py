@@ -12,7 +12,7 @@ from mottrack.experiment.overrides import GROUPS
 from mottrack.experiment.plugins import Part
 from mottrack.experiment.settings import Settings
 from mottrack.experiment.validation_message import format_validation_error
-from mottrack.experiment.yaml_file import read_yaml
+from mottrack.formats.yaml_file import read_yaml
 
 
 class NotImported:

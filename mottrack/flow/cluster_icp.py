@@ -28,7 +28,13 @@ from mottrack.flow.registration.motion_test import (
 )
 from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
-from mottrack.flow.sweep_pair import SweepPair, flow_field
+from mottrack.flow.sweep_pair import (
+    SweepPair,
+    elapsed_seconds,
+    flow_field,
+    is_measurable,
+    unmeasured,
+)
 
 
 class ClusterIcpConfig(StrictModel):
@@ -60,15 +66,17 @@ class ClusterIcpFlow(FlowSourceBase):
         self._stages.reset()
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """Return the field of every component that could be compared.
+        """Return the field of every component that could be compared; none over a gap or a jump.
 
         Raises:
             InputError: ``current`` is not later than ``previous``.
         """
+        elapsed_seconds(previous, current)
+        if not is_measurable(previous, current):
+            return unmeasured(self.grid, self._stages.features_of(current).obstacles[0])
         pair = self._stages.before(previous, current)
         if len(pair.previous) == 0 or len(pair.current) == 0:
-            occupied = self.grid.occupancy(pair.current.xyz_m)
-            return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+            return unmeasured(self.grid, pair.current)
         matcher = Matcher(pair, self.config.match)
         labels = Labels(*connected_cells(matcher.points_m, matcher.raster, self.config.far_m))
         matches = matcher.match(labels)

@@ -17,7 +17,13 @@ from mottrack.core.objects import Truth
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import NO_OUTLIERS
-from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds, flow_field, obstacle_points
+from mottrack.flow.sweep_pair import (
+    GroundStage,
+    elapsed_seconds,
+    flow_field,
+    obstacle_points,
+    unmeasured,
+)
 from mottrack.lidar.in_boxes import points_in_boxes
 
 _RECENT_TRUTHS = 32
@@ -72,8 +78,7 @@ class GroundTruthFlow(FlowSourceBase):
         elapsed_seconds(previous, current)
         obstacles, _ = obstacle_points(current, self._ground)
         if not self._truth or self._truth[-1].stamp_ns != current.stamp_ns:
-            occupied = self.grid.occupancy(obstacles.xyz_m)
-            return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+            return unmeasured(self.grid, obstacles)
         truth = self._truth[-1]
         world_mps, known = self._velocities(truth, previous.stamp_ns)
         ego_T_world = current.world_T_ego.inverse()

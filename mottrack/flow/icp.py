@@ -25,7 +25,14 @@ from mottrack.core.objects import Boxes
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.flow.shipped_errors import shipped_errors
-from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds, flow_field, obstacle_points
+from mottrack.flow.sweep_pair import (
+    GroundStage,
+    elapsed_seconds,
+    flow_field,
+    is_measurable,
+    obstacle_points,
+    unmeasured,
+)
 from mottrack.lidar.in_boxes import points_in_boxes
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, first_in_voxel
 from mottrack.lidar.residual import box_residual, truncated_residual, truncated_residuals
@@ -108,18 +115,20 @@ class IcpFlow(FlowSourceBase):
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
         """Return the field of the boxes observed last; cells outside every box are not valid.
 
+        No cell is where the pose jumped or `LONGEST_SEARCH_S` lie between the two sweeps.
+
         Raises:
             InputError: ``current`` is not later than ``previous``.
         """
         elapsed_s = elapsed_seconds(previous, current)
         obstacles, _ = obstacle_points(current, self._ground)
-        then, _ = obstacle_points(previous, self._ground)
-        previous_m = then.seen_from(current).xyz_m
-        boxes = self._boxes
+        boxes, measurable = self._boxes, is_measurable(previous, current)
         stale = boxes is None or boxes.stamp_ns != current.stamp_ns
-        if boxes is None or stale or len(then) < self.config.min_points or not len(obstacles):
-            occupied = self.grid.occupancy(obstacles.xyz_m)
-            return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+        if boxes is None or stale or not measurable or not len(obstacles):
+            return unmeasured(self.grid, obstacles)
+        previous_m = self._reachable_m(previous, current)
+        if len(previous_m) < self.config.min_points:
+            return unmeasured(self.grid, obstacles)
         boxes = boxes.transformed(current.world_T_ego.inverse(), "ego")
         target = _index(previous_m, elapsed_s, self.config.truncation_m)
         inside = points_in_boxes(
@@ -136,12 +145,26 @@ class IcpFlow(FlowSourceBase):
         self._store(boxes, velocity_mps, current)
         return self._field(obstacles, inside.first_box(len(obstacles)), velocity_mps, elapsed_s)
 
+    def _reachable_m(self, previous: Sweep, current: Sweep) -> F32:
+        """Return the previous obstacle points (N, 3) in the current frame.
+
+        Those twice as far as points are kept, as after a long gap, are compared with nothing:
+        without them the memory of an index does not grow with the gap.
+        """
+        then, _ = obstacle_points(previous, self._ground)
+        xyz_m = then.seen_from(current).xyz_m
+        reach_m = 2.0 * self._ground.find.reach_m
+        far = np.abs(xyz_m[:, :2]).max(axis=1, initial=0.0) > reach_m
+        return xyz_m[~far] if far.any() else xyz_m
+
     def _register(self, cluster_m: F32, box: Boxes, target: _Target, current: Sweep) -> F64:
         """Return the planar shift (2,) of a cluster to where it was; NaN if that is uncertain."""
         config = self.config
         centre_m = cluster_m.mean(axis=0)
-        # half width: every point of the box lies within its diagonal of the centroid
-        half_m = float(np.hypot(*box.size_m[0, :2])) + 1.0
+        # half width: every point of the box lies within its diagonal of the centroid, and within
+        # the square of obstacle points, whatever size a detector gives it
+        widest_m = 2.0 * self._ground.find.reach_m
+        half_m = min(float(np.hypot(*box.size_m[0, :2])), widest_m) + 1.0
         own_grid = build_point_grid(cluster_m - centre_m, config.truncation_m, half_m)
         best_m, best_residual_m = np.full(2, np.nan), config.worst_residual_m
         for k, start_m in enumerate(self._starts(cluster_m, box, target, current)):

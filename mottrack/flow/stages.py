@@ -102,6 +102,7 @@ class Stages:
             previous_height_m=then_height_m,
             current_height_m=now_height_m,
             elapsed_s=elapsed_s,
+            reach_m=self._recent.reach_m,
             previous_seen=self._seen(earlier, then, previous_T_current),
             current_seen=self._seen(later, now, Pose.identity()),
         )

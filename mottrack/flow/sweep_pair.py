@@ -15,13 +15,17 @@ from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import Pose
-from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.point_grid import first_in_voxel
 from mottrack.lidar.visibility import RangeImage, build_range_image, farthest_returns
 
 _RECENT_SWEEPS = 3
 """At 20 Hz the earlier sweep of a pair is the one before the last."""
+
+LONGEST_SEARCH_S = 10.0
+"""Of a longer time nothing is measured: a car may be 400 m away, and the work of a search grows
+with the square of that."""
 
 
 class GroundStage(StrictModel):
@@ -54,6 +58,17 @@ def elapsed_seconds(previous: Sweep, current: Sweep) -> float:
     if current.stamp_ns <= previous.stamp_ns:
         raise InputError("stamp_ns of current", current.stamp_ns, f"> {previous.stamp_ns}")
     return seconds_between(previous.stamp_ns, current.stamp_ns)
+
+
+def is_measurable(previous: Sweep, current: Sweep) -> bool:
+    """Return whether motion between two sweeps can be searched: no jump, no gap lies between."""
+    elapsed_s = seconds_between(previous.stamp_ns, current.stamp_ns)
+    return elapsed_s <= LONGEST_SEARCH_S and not has_jumped(previous, current)
+
+
+def unmeasured(grid: BevGrid, obstacles: Sweep) -> FlowField:
+    """Return a field of the obstacle points of the current sweep of which nothing was measured."""
+    return FlowField.unmeasured(grid, grid.occupancy(obstacles.xyz_m), obstacles.stamp_ns)
 
 
 def obstacle_points(sweep: Sweep, stage: GroundStage) -> tuple[Sweep, F32]:
@@ -107,6 +122,7 @@ class RecentFeatures:
 
     def __init__(self, ground: GroundStage) -> None:
         self._ground = ground
+        self.reach_m = ground.find.reach_m
         self._recent: deque[SweepFeatures] = deque(maxlen=_RECENT_SWEEPS)
 
     def of(self, sweep: Sweep) -> SweepFeatures:
@@ -142,6 +158,8 @@ class SweepPair:
     """(N_current,) height of each obstacle point above the ground."""
     elapsed_s: float
     """Time between the two stamps."""
+    reach_m: float
+    """Half side of the square about the vehicle in which obstacle points are kept."""
     previous_seen: I8 | None
     """(H, W) UNSEEN, FREE or OCCUPIED in the previous sweep; None if the stage is off."""
     current_seen: I8 | None

@@ -10,7 +10,7 @@ from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import NO_OUTLIERS
-from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds, obstacle_points
+from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds, obstacle_points, unmeasured
 
 
 class ZeroConfig(StrictModel):
@@ -39,5 +39,4 @@ class ZeroFlow(FlowSourceBase):
         """
         elapsed_seconds(previous, current)
         obstacles, _ = obstacle_points(current, self._ground)
-        occupied = self.grid.occupancy(obstacles.xyz_m)
-        return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+        return unmeasured(self.grid, obstacles)

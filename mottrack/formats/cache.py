@@ -11,7 +11,7 @@ import hashlib
 import os
 from pathlib import Path
 
-LAYOUT = "2"
+LAYOUT = "3"
 """Version of the entries' content: raise it when the arrays that are stored change."""
 LARGE_BYTES = 64 * 2**20
 """64 MiB of JSON are parsed in less than a second; an index of less saves nothing."""

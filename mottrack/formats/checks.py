@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from mottrack.core.arrays import F32, I16, Floats
+from mottrack.core.checks import MAX_PLACE_M
 from mottrack.core.errors import DataError
 from mottrack.core.limits import MAX_POINTS, Limit
 from mottrack.formats.columns import Columns
 from mottrack.formats.faults import NonFiniteError, NotRigidError, TruncatedError
 from mottrack.formats.files import read_bytes, require_size
-from mottrack.formats.rigid import MAX_DEFECT, MAX_PLACE_M, quaternion_length, upright_cosine
+from mottrack.formats.rigid import MAX_DEFECT, quaternion_length, upright_cosine
 
 MAX_RANGE_M = 2_000.0
 """No LiDAR sees farther; a coordinate beyond it is a damaged file, not a return."""
@@ -48,6 +49,8 @@ def check_points(path: Path, xyz_m: Floats) -> None:
     if not len(xyz_m):
         raise DataError(path, "points", 0, "at least one")
     check_count(path, len(xyz_m))
+    if xyz_m.min() >= -MAX_RANGE_M and xyz_m.max() <= MAX_RANGE_M:  # false of NaN
+        return
     bad = np.flatnonzero(~np.isfinite(xyz_m).all(axis=1))
     if bad.size:
         raise NonFiniteError(path, f"point {bad[0]}", xyz_m[bad[0]].tolist(), "finite values")
@@ -70,6 +73,8 @@ def check_count(path: Path, points: int, limit: Limit = MAX_POINTS) -> None:
 
 def check_interval(path: Path, name: str, values: Floats, highest: float) -> None:
     """Raise `DataError` for the first value (N,) of the points that is not in [0, highest]."""
+    if not values.size or (values.min() >= 0.0 and values.max() <= highest):  # false of NaN
+        return
     bad = np.flatnonzero(~((values >= 0.0) & (values <= highest)))
     if bad.size:
         value = float(values[bad[0]])

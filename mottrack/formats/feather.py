@@ -52,8 +52,22 @@ def read_feather_columns(
     """
     content = read_bytes(path) if data is None else data
     table = _table(path, content, columns, limit)
-    arrays = {column.name: _array(path, table[column.name], column) for column in columns}
+    arrays = {column.name: checked_array(path, table[column.name], column) for column in columns}
     return Columns(path, arrays, np.arange(table.num_rows), _place)
+
+
+def feather_names(path: Path) -> list[str]:
+    """Return the names of the columns of a file.
+
+    Raises:
+        DataError: missing or damaged file.
+    """
+    content = read_bytes(path)
+    try:
+        return list(pa.ipc.open_file(pa.py_buffer(content)).schema.names)
+    except _FAULTS as error:
+        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise DataError(path, "content", f"unreadable ({first_line})", "a feather file") from error
 
 
 def _place(name: str, row: int) -> str:
@@ -67,12 +81,15 @@ def _table(path: Path, content: bytes, columns: tuple[ColumnSpec, ...], limit: L
         raise DataError(path, "content", "feather version 1", "version 2 (an Arrow file)")
     data = pa.py_buffer(content)
     try:
-        names = pa.ipc.open_file(data).schema.names
+        reader = pa.ipc.open_file(data)
+        names = reader.schema.names
         _require_columns(path, names, columns)
         _require_rows(path, data, limit)
-        wanted = [names.index(column.name) for column in columns]
-        options = pa.ipc.IpcReadOptions(included_fields=wanted)
-        table = pa.ipc.open_file(data, options=options).read_all()
+        if len(names) > len(columns):
+            wanted = [names.index(column.name) for column in columns]
+            options = pa.ipc.IpcReadOptions(included_fields=wanted)
+            reader = pa.ipc.open_file(data, options=options)
+        table = reader.read_all()
         table.validate(full=True)
     except _FAULTS as error:
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -126,7 +143,14 @@ def _field(data: bytes, table: int, number: int) -> int:
     return int(table + offset) if offset else 0
 
 
-def _array(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
+def checked_array(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
+    """Return a column of an Arrow table as an array.
+
+    Raises:
+        DataError: an empty value where the column has no default, or a value of another kind.
+    """
+    if values.null_count and column.blank is not None:
+        values = values.fill_null(column.blank)
     if values.null_count:
         found = f"empty in {values.null_count} rows"
         raise DataError(path, column.name, found, "a value in each row")
@@ -138,7 +162,7 @@ def _texts(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
         strings = values.to_pylist()
     except _FAULTS as error:
         raise DataError(path, column.name, f"unreadable ({error})", "text") from error
-    if not all(isinstance(value, str) for value in strings):
+    if not pa.types.is_string(values.type) and not all(isinstance(v, str) for v in strings):
         raise DataError(path, column.name, str(values.type), "text")
     if not "".join(strings).isprintable():
         row, text = next((i, text) for i, text in enumerate(strings) if not text.isprintable())
@@ -156,13 +180,22 @@ def _numbers(path: Path, values: Any, column: ColumnSpec) -> NDArray[Any]:
     if not whole and (column.kind is int or not pa.types.is_floating(values.type)):
         raise DataError(path, column.name, str(values.type), column.expected)
     array: NDArray[Any] = values.to_numpy()
-    bad = np.flatnonzero(~np.isfinite(array))
-    if bad.size:
-        place = _place(column.name, bad[0])
-        raise NonFiniteError(path, place, float(array[bad[0]]), "a finite number")
-    if column.kind is int:
+    if not whole:
+        _require_finite(path, array, column)
+    if column.kind is int and array.dtype == np.uint64:
         large = np.flatnonzero(array > np.iinfo(np.int64).max)
         if large.size:
             place, value = _place(column.name, large[0]), int(array[large[0]])
             raise DataError(path, place, value, "an integer of 64 bits with sign")
-    return array.astype(np.int64 if column.kind is int else np.float64)
+    return array.astype(np.int64 if column.kind is int else np.float64, copy=False)
+
+
+def _require_finite(path: Path, array: NDArray[Any], column: ColumnSpec) -> None:
+    """Refuse a number that is not finite, but for NaN where a blank is read as that."""
+    good = np.isfinite(array)
+    if column.blank is not None and np.isnan(column.blank):
+        good |= np.isnan(array)
+    if not good.all():
+        bad = int(np.flatnonzero(~good)[0])
+        place, value = _place(column.name, bad), float(array[bad])
+        raise NonFiniteError(path, place, value, "a finite number")

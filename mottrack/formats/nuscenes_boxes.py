@@ -71,7 +71,8 @@ def read_boxes(
     check_upright(boxes)
     check_sizes(boxes, "size")
     check_points_in_box(boxes, "num_lidar_pts", "num_radar_pts")
-    number = {token: i for i, token in enumerate(dict.fromkeys(text_of(boxes["instance_token"])))}
+    instances_in_order = dict.fromkeys(boxes["instance_token"].tolist())
+    number = {token.decode(): i for i, token in enumerate(instances_in_order)}
     sample = looked_up(boxes["sample_token"], sample_index)
     instance = looked_up(boxes["instance_token"], number)
     keys = np.column_stack([sample, instance])

@@ -1,7 +1,7 @@
 """From the tables to scene records: each table is streamed once, only what is needed stays.
 
 Of the thirteen tables nine are read (`TABLES`), and of the millions of records of sample_data and
-ego_pose those of LIDAR_TOP in the chosen scenes.
+ego_pose those of the LiDARs in the chosen scenes.
 """
 
 from __future__ import annotations
@@ -43,8 +43,22 @@ TABLES = (
     "sample_annotation",
 )
 CHANNEL = "LIDAR_TOP"
+
+
+class Channels(NamedTuple):
+    """The LiDARs of a data set.
+
+    main: names that the LiDAR has whose sweeps are the frames; the first that is there counts.
+    further: LiDARs beside it, in the order of `SceneRecord.part_channel`.
+    """
+
+    main: tuple[str, ...]
+    further: tuple[str, ...] = ()
+
+
+LIDAR_TOP = Channels((CHANNEL,))
 MAX_KEY_OFFSET_US = 250_000
-"""A sample has the time of its LIDAR_TOP sweep; by half the period it would be the next one's."""
+"""A sample has the time of its LiDAR sweep; by half the period it would be the next one's."""
 _SCENE = (TOKEN, ColumnSpec("name", str), ColumnSpec("nbr_samples", int))
 _SAMPLE_TOKEN = ColumnSpec("sample_token", str)
 _SAMPLE = (TOKEN, ColumnSpec("timestamp", int), ColumnSpec("scene_token", str), *LINKS)
@@ -62,7 +76,7 @@ _SAMPLE_DATA = (
 
 @dataclass(frozen=True)
 class SceneRecord:
-    """K key frames, S sweeps of LIDAR_TOP in order of time, B annotated boxes.
+    """K key frames, S sweeps of the LiDAR in order of time, B annotated boxes.
 
     Text is kept as bytes (UTF-8). Poses are quaternions w, x, y, z, then x, y, z in metres.
 
@@ -74,6 +88,10 @@ class SceneRecord:
     box_category: (B,) official category. box_centre_m: (B, 3) in the world.
     box_size_wlh_m: (B, 3). box_rotation: (B, 4) wxyz. box_points: (B,) LiDAR + radar returns.
     annotated: (1,) whether the tables hold annotations at all (the test split's do not).
+
+    P sweeps of further LiDARs, in order of time, where the data set has such:
+    part_stamp_us: (P,). part_file: (P,). part_channel: (P,) which of them.
+    part_world_T_ego: (P, 7) at each of these sweeps. part_ego_T_lidar: (P, 7).
     """
 
     sample_token: NDArray[np.bytes_]
@@ -91,6 +109,11 @@ class SceneRecord:
     box_rotation: F64
     box_points: I64
     annotated: Mask
+    part_stamp_us: I64
+    part_file: NDArray[np.bytes_]
+    part_channel: I64
+    part_world_T_ego: F64
+    part_ego_T_lidar: F64
 
     def save(self, path: Path) -> None:
         """Store with a checksum."""
@@ -122,20 +145,26 @@ class _Samples:
 
 
 class _KeyFrames(NamedTuple):
-    """The key frames of one scene in order of time: tokens (K,), microseconds (K,)."""
+    """The key frames of one scene in order of time: tokens (K,), microseconds (K,), their LiDAR."""
 
     token: NDArray[np.bytes_]
     stamp_us: I64
+    channel: str
 
 
 def build_records(
-    tables: NuScenesTables, names: tuple[str, ...], *, key_frames_only: bool = False
+    tables: NuScenesTables,
+    names: tuple[str, ...],
+    *,
+    channels: Channels = LIDAR_TOP,
+    key_frames_only: bool = False,
 ) -> dict[str, SceneRecord]:
     """Return the record of each of these scenes.
 
     Args:
         tables: the tables of a version.
         names: the scenes.
+        channels: the LiDARs.
         key_frames_only: leave out the sweeps between key frames, for which an evaluation has no
             use, and with them most of the time.
 
@@ -145,17 +174,20 @@ def build_records(
     """
     scenes = tables.columns("scene", _SCENE)
     samples = _samples(tables, scenes, names)
-    sweeps = _all_sweeps(tables, samples, key_frames_only)
+    mounts = _lidar_mounts(tables, channels)
+    sweeps = _all_sweeps(tables, samples, mounts, key_frames_only)
     boxes = read_boxes(tables, samples.index, samples.every)
     records = {}
     for scene, name in enumerate(names):
         first, end = (int(i) for i in np.searchsorted(samples.scene, [scene, scene + 1]))
-        own = _KeyFrames(samples.token[first:end], samples.stamp_us[first:end])
+        own = _KeyFrames(samples.token[first:end], samples.stamp_us[first:end], mounts.main)
+        every = _between(sweeps, first, end)
         records[name] = SceneRecord(
             sample_token=own.token,
             sample_stamp_us=own.stamp_us,
             annotated=np.array([boxes.annotated]),
-            **_sweep_arrays(tables, _between(sweeps, first, end), own, linked=not key_frames_only),
+            **_sweep_arrays(every.select(every["channel"] < 0), own, linked=not key_frames_only),
+            **_part_arrays(every.select(every["channel"] >= 0)),
             **box_arrays(_between(boxes.table, first, end)),
         )
     return records
@@ -189,12 +221,13 @@ def _samples(tables: NuScenesTables, scenes: Columns, names: tuple[str, ...]) ->
     )
 
 
-def _all_sweeps(tables: NuScenesTables, samples: _Samples, key_frames_only: bool) -> Columns:
-    """Return the LIDAR_TOP records of sample_data, sorted by sample.
+def _all_sweeps(
+    tables: NuScenesTables, samples: _Samples, mounts: _Mounts, key_frames_only: bool
+) -> Columns:
+    """Return the LiDAR records of sample_data, sorted by sample.
 
-    They gain `sample` (its index), `world_T_ego` and `ego_T_lidar` (S, 7).
+    They gain `sample` (its index), `channel`, `world_T_ego` and `ego_T_lidar` (S, 7).
     """
-    mounts = _lidar_mounts(tables)
     among = RecordFilter(
         {"calibrated_sensor_token": mounts.pose, "sample_token": samples.index},
         {"calibrated_sensor_token": mounts.every, "sample_token": samples.every},
@@ -203,32 +236,46 @@ def _all_sweeps(tables: NuScenesTables, samples: _Samples, key_frames_only: bool
     if key_frames_only:
         columns = columns.select(columns["is_key_frame"] != 0)
     sample = looked_up(columns["sample_token"], samples.index)
-    mount = [mounts.pose[token] for token in text_of(columns["calibrated_sensor_token"])]
+    tokens = text_of(columns["calibrated_sensor_token"])
+    mount = [mounts.pose[token] for token in tokens]
     return columns.extended(
         sample=sample,
+        channel=np.array([mounts.channel[token] for token in tokens], dtype=np.int64),
         ego_T_lidar=np.array(mount).reshape(-1, 7),
         world_T_ego=_ego_poses(tables, columns["ego_pose_token"]),
     ).select(np.argsort(sample, kind="stable"))
 
 
 class _Mounts(NamedTuple):
-    """Mountings of LIDAR_TOP, `ego_T_lidar` (7,) by token, and the tokens of all mountings."""
+    """Mountings of the LiDARs by token.
+
+    pose: `ego_T_lidar` (7,). channel: -1 for the main one, else which of the further ones.
+    every: the tokens of all mountings. main: name of the main LiDAR.
+    """
 
     pose: dict[str, F64]
+    channel: dict[str, int]
     every: frozenset[str]
+    main: str
 
 
-def _lidar_mounts(tables: NuScenesTables) -> _Mounts:
+def _lidar_mounts(tables: NuScenesTables, channels: Channels) -> _Mounts:
     sensors = tables.columns("sensor", (TOKEN, ColumnSpec("channel", str)))
-    lidar = sensors["channel"] == CHANNEL.encode()
-    if not lidar.any():
-        raise MissingError(sensors.path, "channel", "missing", CHANNEL)
+    names = text_of(sensors["channel"])
+    main = next((name for name in channels.main if name in names), None)
+    if main is None:
+        raise MissingError(sensors.path, "channel", "missing", " or ".join(channels.main))
+    wanted = {main: -1} | {name: i for i, name in enumerate(channels.further)}
+    lidar = np.isin(sensors["channel"], [name.encode() for name in wanted])
     known = {"sensor_token": set(text_of(sensors["token"]))}
     specs = (TOKEN, ROTATION, TRANSLATION, ColumnSpec("sensor_token", str))
     mounts = tables.columns("calibrated_sensor", specs, RecordFilter(known=known))
     own = mounts.select(np.isin(mounts["sensor_token"], sensors["token"][lidar]))
-    pose = dict(zip(text_of(own["token"]), checked_poses(own), strict=True))
-    return _Mounts(pose, frozenset(text_of(mounts["token"])))
+    tokens = text_of(own["token"])
+    pose = dict(zip(tokens, checked_poses(own), strict=True))
+    number = dict(zip(text_of(sensors["token"]), (wanted.get(n, -1) for n in names), strict=True))
+    channel = {t: number[s] for t, s in zip(tokens, text_of(own["sensor_token"]), strict=True)}
+    return _Mounts(pose, channel, frozenset(text_of(mounts["token"])), main)
 
 
 def _ego_poses(tables: NuScenesTables, tokens: NDArray[np.bytes_]) -> F64:
@@ -250,9 +297,20 @@ def _between(columns: Columns, first: int, end: int) -> Columns:
     return own.extended(sample=own["sample"] - first)
 
 
-def _sweep_arrays(
-    tables: NuScenesTables, sweeps: Columns, samples: _KeyFrames, *, linked: bool
-) -> dict[str, NDArray[Any]]:
+def _part_arrays(parts: Columns) -> dict[str, NDArray[Any]]:
+    """Return what a scene's record keeps of the sweeps of further LiDARs."""
+    parts = parts.select(np.argsort(parts["timestamp"], kind="stable"))
+    check_stamps(parts, "timestamp")
+    return {
+        "part_stamp_us": parts["timestamp"],
+        "part_file": parts["filename"],
+        "part_channel": parts["channel"],
+        "part_world_T_ego": parts["world_T_ego"],
+        "part_ego_T_lidar": parts["ego_T_lidar"],
+    }
+
+
+def _sweep_arrays(sweeps: Columns, samples: _KeyFrames, *, linked: bool) -> dict[str, NDArray[Any]]:
     # a sweep between key frames belongs to one of its neighbours: sort by time, not by sample
     sweeps = sweeps.select(np.argsort(sweeps["timestamp"], kind="stable"))
     check_stamps(sweeps, "timestamp")
@@ -263,7 +321,9 @@ def _sweep_arrays(
     sweeps.refuse("is_key_frame", ~np.isin(sweeps["is_key_frame"], (0, 1)), "true or false")
     key = sweeps["is_key_frame"].astype(bool)
     if not len(samples.token):
-        raise DataError(tables.path("sample"), "samples of a scene", 0, "at least one")
+        raise DataError(
+            sweeps.path.with_name("sample.json"), "samples of a scene", 0, "at least one"
+        )
     _check_key_frames(sweeps.select(key), samples)
     return {
         "sweep_stamp_us": sweeps["timestamp"],
@@ -279,7 +339,7 @@ def _check_key_frames(keys: Columns, samples: _KeyFrames) -> None:
     count = np.bincount(keys["sample"], minlength=len(samples.token))
     wrong = np.flatnonzero(count != 1)
     if wrong.size:
-        field = f"{CHANNEL} key frames of sample {samples.token[wrong[0]].decode()}"
+        field = f"{samples.channel} key frames of sample {samples.token[wrong[0]].decode()}"
         raise MissingError(keys.path, field, int(count[wrong[0]]), "1")
     offset_us = np.abs(keys["timestamp"] - samples.stamp_us[keys["sample"]])
     keys.refuse("timestamp", offset_us > MAX_KEY_OFFSET_US, "that of its sample", OutOfOrderError)

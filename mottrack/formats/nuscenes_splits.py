@@ -3,7 +3,7 @@
 Held here so that no devkit is needed; the oracle tests compare them with nuscenes-devkit 1.2.0.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 from mottrack.core.errors import DataError, unknown_name
@@ -62,9 +62,21 @@ def resolve_split(split: str) -> tuple[str, ...]:
         ConfigError: neither a split nor a file has that name.
         DataError: the file holds no names.
     """
+    return resolve_names(split, {name: split_scenes(name) for name in SPLITS})
+
+
+def resolve_names(split: str, splits: Mapping[str, Collection[str]]) -> tuple[str, ...]:
+    """Return the scene names of one of the splits, or those listed in a text file.
+
+    Raises:
+        ConfigError: neither a split nor a file has that name.
+        DataError: the file holds no names.
+    """
     path = Path(split)
-    if split in SPLITS or not path.is_file():
-        return split_scenes(split)
+    if split in splits:
+        return tuple(splits[split])
+    if not path.is_file():
+        raise unknown_name("split", split, splits)
     lines = (line.strip() for line in read_lines(path))
     names = tuple(line for line in lines if line and not line.startswith("#"))
     if not names:

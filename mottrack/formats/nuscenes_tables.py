@@ -20,6 +20,7 @@ from mottrack.core.arrays import I64
 from mottrack.core.errors import DataError
 from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.files import inside, present
+from mottrack.formats.table_columns import large_columns
 from mottrack.formats.table_stream import EVERY_RECORD, RecordFilter, Row, wanted_records
 
 _BLOCK_ROWS = 20_000
@@ -55,16 +56,21 @@ class NuScenesTables:
             DataError: a record lacks a field or holds a value of another kind.
         """
         path = self.path(name)
-        rows = self.rows(name, among)
-        parts = [json_arrays(path, [], specs, _place)]
-        while block := list(islice(rows, _BLOCK_ROWS)):
-            parts.append(json_arrays(path, block, specs, _places(block)))
-        arrays = {spec.name: np.concatenate([p[spec.name] for p in parts]) for spec in specs}
+        arrays = large_columns(path, specs, among) or self._arrays(name, specs, among)
         count = len(arrays[specs[0].name])
         table = Columns(path, arrays, arrays.get("token", np.arange(count)), _place)
         if "token" in arrays:
             table.refuse_repeated("token", arrays["token"], "each token once")
         return table
+
+    def _arrays(
+        self, name: str, specs: tuple[ColumnSpec, ...], among: RecordFilter
+    ) -> dict[str, NDArray[Any]]:
+        path, rows = self.path(name), self.rows(name, among)
+        parts = [json_arrays(path, [], specs, _place)]
+        while block := list(islice(rows, _BLOCK_ROWS)):
+            parts.append(json_arrays(path, block, specs, _places(block)))
+        return {spec.name: np.concatenate([p[spec.name] for p in parts]) for spec in specs}
 
     def scene_tokens(self) -> dict[str, str]:
         """Return the token of each scene by name, in order; raise DataError for a name twice."""
@@ -93,7 +99,8 @@ def scene_tokens(scenes: Columns) -> dict[str, str]:
 
 def looked_up(tokens: NDArray[np.bytes_], index: dict[str, int]) -> I64:
     """Return the index of each token, all of which are in `index`."""
-    return np.array([index[token] for token in text_of(tokens)], dtype=np.int64)
+    place = {name.encode(): k for name, k in index.items()}
+    return np.array([place[token] for token in tokens.tolist()], dtype=np.int64)
 
 
 def json_arrays(

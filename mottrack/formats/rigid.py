@@ -8,13 +8,12 @@ import numpy as np
 
 from mottrack.core import DataError, Pose
 from mottrack.core.arrays import F64
+from mottrack.core.checks import MAX_PLACE_M
 from mottrack.formats.faults import NonFiniteError, NotRigidError
 
 MAX_DEFECT = 1e-3
 """Largest |R R^T - I|, or | |q| - 1 |, taken for rounding: three digits are the fewest that files
 are written with, and the gravest fault, a matrix of another meaning, is off by more."""
-MAX_PLACE_M = 1e8
-"""The Earth's own coordinates stay below 1e7 m; a place beyond this is a damaged file."""
 
 
 def rigid_pose(matrix: F64, file: Path, field: str) -> Pose:
@@ -28,8 +27,10 @@ def rigid_pose(matrix: F64, file: Path, field: str) -> Pose:
     if not np.isfinite(matrix).all():
         raise NonFiniteError(file, field, matrix[:3].ravel().tolist(), "finite numbers")
     check_place(translation, file, field)
-    defect = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if defect > MAX_DEFECT or np.linalg.det(rotation) < 0.0:
+    # entries of a rotation are at most 1; the squares of a damaged number may overflow
+    near = np.clip(rotation, -2.0, 2.0)
+    defect = float(np.abs(near @ near.T - np.eye(3)).max())
+    if defect > MAX_DEFECT or np.linalg.det(near) < 0.0:
         raise NotRigidError(file, field, f"off by {defect:.3g}", "a rotation matrix")
     left, _, right = np.linalg.svd(rotation)
     return Pose(left @ right, translation.copy())

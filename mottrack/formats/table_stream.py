@@ -68,6 +68,11 @@ class RecordFilter:
     known: Mapping[str, Collection[str]] = field(default_factory=dict)
     count: RecordCount = field(default_factory=RecordCount)
 
+    @property
+    def needs_each_record(self) -> bool:
+        """Whether what is wanted cannot be told from the first field's text alone."""
+        return len({*self.wanted, *self.known}) > len(self.wanted) or len(self.wanted) > 1
+
     def thinning(self) -> Thinning:
         """Return a function that drops most of the others before they are parsed."""
         if not self.wanted:
@@ -104,7 +109,7 @@ def encoded(values: Collection[str]) -> frozenset[bytes]:
 
 def wanted_records(path: Path, among: RecordFilter) -> Iterator[Row]:
     """Yield the wanted records of a table in the order of the file."""
-    further = len({*among.wanted, *among.known}) > 1
+    further = among.needs_each_record
     for block in _blocks(path, _BLOCK_BYTES, among.thinning(), among.count):
         if further or not block.exact:
             yield from filter(partial(among.holds, path), block.rows)
@@ -132,6 +137,22 @@ def stream_table(
     """
     for block in _blocks(path, block_bytes, thin, count or RecordCount()):
         yield from block.rows
+
+
+def array_blocks(path: Path, block_bytes: int) -> Iterator[bytes]:
+    """Yield an array of records in pieces that are arrays themselves, cut between records.
+
+    A text value that holds "},{" can put the cut inside a record: such a piece does not parse.
+    """
+    done, rest = 0, b""
+    with opened(path) as file:
+        while block := file.read(block_bytes):
+            rest += block
+            if cut := _last_cut(rest):
+                yield _opened(rest[:cut], done) + b"]"
+                done += cut
+                rest = rest[cut:]
+    yield _opened(rest, done)
 
 
 def _blocks(path: Path, block_bytes: int, thin: Thinning, count: RecordCount) -> Iterator[Block]:
@@ -163,10 +184,13 @@ def records_with(
     find = re.compile(rb'"' + name.encode() + rb'"\s*:\s*"([^"]*)"').findall
 
     def thin(text: bytes) -> Thinned:
-        *pieces, tail = text.split(b"}")
         found = find(text)
-        if len(found) != len(pieces) or not (known is None or known.issuperset(found)):
+        counted = len(found) == text.count(b"}") and found
+        if not counted or not (known is None or known.issuperset(found)):
             return whole(text)
+        if values.issuperset(found):
+            return Thinned(text, 0, exact=True)
+        *pieces, tail = text.split(b"}")
         kept = [p.lstrip(b"[, \r\n\t") for p, v in zip(pieces, found, strict=True) if v in values]
         thinned = b"[" + b"},".join(kept) + (b"}" if kept else b"") + tail
         return Thinned(thinned, len(pieces) - len(kept), exact=True)

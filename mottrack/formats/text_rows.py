@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError
 from mottrack.core.limits import MAX_ROWS
 from mottrack.formats.columns import Columns, ColumnSpec
@@ -26,6 +28,10 @@ _INTEGER = re.compile(r"[-+]?[0-9]{1,25}")
 _INT64 = np.iinfo(np.int64)
 EXACT_INTEGERS = 2**53
 """Below it every integer has a float64 of its own."""
+_NUMERIC = {ord(character): None for character in "0123456789.+-eE, \n"}
+"""What plain numbers are written with: none of `nan`, `inf`, `0x1` or `1_000`."""
+_MISSING = (",,", ",\n", "\n,", "\n\n")
+"""Two ends of a value without one between them: it is missing, or the line is blank."""
 _DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+")
 
 
@@ -77,7 +83,11 @@ def read_text_columns(
         DataError: a row with too few or too many values or of another length than the first, an
             empty value, or one that is not a finite number, with the line and the column.
     """
-    lines = read_lines(path)
+    text = read_text(path)
+    table = _plain_table(text, columns, layout)
+    if table is not None:
+        return _columns_of(path, table, columns)
+    lines = _split_lines(text)
     if layout.header:
         _check_header(path, lines, columns)
     numbers = [n for n, line in enumerate(lines, 1) if line.strip()][int(layout.header) :]
@@ -92,6 +102,51 @@ def read_text_columns(
         else:
             arrays[spec.name] = spec.array([spec.default] * len(numbers))
     return Columns(path, arrays, np.array(numbers, dtype=np.int64), _place)
+
+
+def _plain_table(text: str, columns: tuple[ColumnSpec, ...], layout: Layout) -> F64 | None:
+    """Return all values of a text that is nothing but numbers and commas, (rows, values a row).
+
+    None where a line is blank, a value is missing, or anything else would need a closer look.
+    """
+    if layout.header or not layout.loose or any(spec.kind is not float for spec in columns):
+        return None
+    content = text.removesuffix("\n")
+    if not content or content.translate(_NUMERIC) or _misses_value(content.replace(" ", "")):
+        return None
+    codes = np.frombuffer(content.encode(), np.uint8)
+    ends = np.append(np.flatnonzero(codes == ord("\n")), len(codes))
+    commas = np.diff(np.searchsorted(np.flatnonzero(codes == ord(",")), ends), prepend=0)
+    rows, count = len(ends), int(commas[0]) + 1
+    least = sum(spec.default is None for spec in columns)
+    if (commas != commas[0]).any() or not least <= count <= len(columns) + layout.optional:
+        return None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # that the text ends early is a warning in some versions
+            values = np.fromstring(content.replace(",", " "), np.float64, sep=" ")
+    except (DeprecationWarning, ValueError):
+        return None
+    if len(values) != rows * count or rows > MAX_ROWS.value or not np.isfinite(values).all():
+        return None
+    return values.reshape(rows, count)
+
+
+def _misses_value(text: str) -> bool:
+    """Return whether a value is missing or a line blank in a text without spaces."""
+    ends = "," in (text[:1], text[-1:]) or "\n" in (text[:1], text[-1:])
+    return ends or any(pair in text for pair in _MISSING)
+
+
+def _columns_of(path: Path, table: F64, columns: tuple[ColumnSpec, ...]) -> Columns:
+    rows, count = table.shape
+    arrays = {
+        spec.name: np.ascontiguousarray(table[:, i])
+        if i < count
+        else spec.array([spec.default] * rows)
+        for i, spec in enumerate(columns)
+    }
+    return Columns(path, arrays, np.arange(1, rows + 1), _place)
 
 
 def _fields(line: str, layout: Layout) -> list[str]:
@@ -145,9 +200,12 @@ def _column(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) 
         stripped = [text.strip() for text in texts]
         _refuse_empty(path, numbers, stripped, spec)
         return spec.array(stripped)
+    if spec.blank is not None:
+        return _with_blanks(path, numbers, texts, spec)
     try:
         values = list(map(float if spec.kind is float else int, texts))
-        plain = not any("_" in text for text in texts) and "".join(texts).isascii()
+        joined = "".join(texts)
+        plain = "_" not in joined and joined.isascii()
     except (ValueError, OverflowError):
         plain = False
     if plain and spec.kind is float and all(map(math.isfinite, values)):
@@ -158,6 +216,15 @@ def _column(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) 
     return spec.array(
         [parse(path, _place(spec.name, n), t.strip()) for n, t in zip(numbers, texts, strict=True)]
     )
+
+
+def _with_blanks(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) -> Any:
+    """Return numbers of a column in which cells may be empty."""
+    values = [spec.blank] * len(texts)
+    for row, (number, text) in enumerate(zip(numbers, texts, strict=True)):
+        if text.strip():
+            values[row] = _number(path, _place(spec.name, number), text.strip())
+    return spec.array(values)
 
 
 def _refuse_empty(path: Path, numbers: list[int], texts: list[str], spec: ColumnSpec) -> None:

@@ -13,7 +13,7 @@ from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import GroundMap, ObjectSourceBase
 from mottrack.core.objects import GENERIC, Objects
-from mottrack.core.sweep import Sweep
+from mottrack.core.sweep import Sweep, has_jumped
 from mottrack.geometry.hulls import HullSet, hulls_of_groups
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.terrain import Terrain, TerrainConfig
@@ -98,6 +98,8 @@ class ClusterSource(ObjectSourceBase):
         self.config = config or ClustersConfig()
         self._terrain = Terrain(self.config.terrain)
         self._map: GroundMap | None = None
+        self._last: Sweep | None = None
+        """The stamp and the pose of the last sweep, without its points."""
 
     def use_ground(self, ground: GroundMap) -> None:
         """Use the heights of a map's raster, and the estimate where the map has none."""
@@ -106,6 +108,7 @@ class ClusterSource(ObjectSourceBase):
     def reset(self) -> None:
         """Start a new scene: forget the terrain and the map."""
         self._terrain.reset()
+        self._last = None
         self._map = None
 
     def objects(self, frame: Frame, sweep: Sweep | None) -> Objects:
@@ -148,6 +151,9 @@ class ClusterSource(ObjectSourceBase):
         if self.config.ground == "plane":
             plane = find_ground(np.array(sweep.xyz_m), self.config.plane).plane
             return np.asarray(sweep.xyz_m[:, 2] - sweep.xyz_m[:, :2] @ plane[:2] - plane[2], float)
+        if self._last is not None and has_jumped(self._last, sweep):
+            self._terrain.reset()  # what was ground there lies elsewhere now
+        self._last = sweep.select(np.zeros(0, np.int64))
         self._terrain.update(sweep)
         estimate_m = self._terrain.height_above_m(sweep)
         if self._map is None:

@@ -24,6 +24,7 @@ from mottrack.paper.tables import (
     TableRow,
     beyond_table,
     claim_table,
+    measure,
     number,
     number_table,
     paper_table,
@@ -137,16 +138,12 @@ def missing_rows(request: Request) -> list[str]:
 def _chapter(results: Results, name: str, title: str) -> Chapter:
     pairs = [(table, results.find(name, table.study)) for table in TABLES]
     asked = [(table, study) for table, study in pairs if study is not None]
-    not_run = {
-        f"Table {table.number}: {table.title}": study.study.reason
-        for table, study in asked
-        if study.study.reason
-    }
+    not_run = {table.heading: study.study.reason for table, study in asked if study.study.reason}
     findings = results.findings(name)
     sections = [
         Section(table, study, [f for f in findings if f.claim.table == table.number])
         for table, study in asked
-        if not study.study.reason
+        if not study.study.reason and (table.values or measure(table, study))
     ]
     beyond = beyond_table([s.table for s in sections], [s.result for s in sections])
     left_out = {s: why for part in sections for s, why in part.result.study.left_out.items()}
@@ -179,7 +176,7 @@ def _page(content: dict[str, Any]) -> str:
     environment.filters["data_url"] = _data_url
     environment.filters["number"] = number
     styles = files("mottrack.report").joinpath("templates", "css")
-    style = "\n".join(styles.joinpath(name).read_text() for name in STYLES)
+    style = "\n".join(styles.joinpath(name).read_text(encoding="utf-8") for name in STYLES)
     return environment.get_template("paper.html.j2").render(**content, style=style)
 
 

@@ -14,8 +14,8 @@ from mottrack.core.errors import ConfigError
 from mottrack.experiment.configs import shipped_folder
 from mottrack.experiment.experiment import Experiment, compose
 from mottrack.experiment.validation_message import format_validation_error
-from mottrack.experiment.yaml_file import read_yaml
 from mottrack.flow.pillarflow.source import SHIPPED
+from mottrack.formats.yaml_file import read_yaml
 
 STUDIES = ("flow", "tracking", "velocity")
 """Studies that recorded data can serve; the embedded world also serves the ball and runtimes."""

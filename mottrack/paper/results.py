@@ -234,13 +234,19 @@ def _record_machine(folder: Path) -> None:
 def _machines(folder: Path) -> list[str]:
     """Return the machines on which the results in a folder were timed, as far as recorded."""
     path = folder / MACHINE_FILE
-    return [str(text) for text in json.loads(path.read_text())] if path.is_file() else []
+    return (
+        [str(text) for text in json.loads(path.read_text(encoding="utf-8"))]
+        if path.is_file()
+        else []
+    )
 
 
 def _processor() -> str:
     info = Path("/proc/cpuinfo")
     fields = (
-        (line.partition(":") for line in info.read_text().splitlines()) if info.is_file() else ()
+        (line.partition(":") for line in info.read_text(encoding="utf-8").splitlines())
+        if info.is_file()
+        else ()
     )
     names = [value.strip() for name, _, value in fields if name.strip() == "model name"]
     return names[0] if names else platform.processor() or platform.machine()

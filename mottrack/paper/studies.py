@@ -10,7 +10,7 @@ import numpy as np
 
 from mottrack.core.errors import ConfigError, DataError
 from mottrack.experiment.experiment import Experiment, compose
-from mottrack.experiment.yaml_file import read_yaml
+from mottrack.formats.yaml_file import read_yaml
 from mottrack.paper.plan import (
     STUDIES,
     WORLD,

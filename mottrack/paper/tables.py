@@ -105,7 +105,7 @@ def paper_table(table: Published, result: StudyResult) -> TextTable:
         headings = ["metric", *(LABELS[cell.variant] for cell in rows[0].cells)]
     return TextTable(
         f"table_{table.number}_{result.study.dataset}",
-        f"Table {table.number}: {table.title}",
+        table.heading,
         tuple(Column(name) for name in headings),
         tuple((row.name, *(cell.text for cell in row.cells)) for row in rows),
         " ".join(filter(None, (_scenes(result), table.note, _absences(table, result)))),
@@ -176,8 +176,8 @@ def beyond_table(tables: Sequence[Published], results: Sequence[StudyResult]) ->
 
 
 def _beyond(table: Published, result: StudyResult) -> Iterator[tuple[Cell, ...]]:
-    first = next(iter(table.values))
-    for variant in table.extra:
+    first = table.variants[0]
+    for variant in [name for name in table.extra if name != first]:
         for heading, key in table.columns:
             found = result.paired(first, variant, key)
             if found is not None:

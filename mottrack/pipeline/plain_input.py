@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sized
 from dataclasses import fields
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mottrack.core.arrays import F32
+from mottrack.core.checks import as_array, require_instance
 from mottrack.core.errors import InputError, unknown_name
 from mottrack.core.objects import Objects
 from mottrack.core.pose import Pose
@@ -33,9 +35,7 @@ def sweep_of(
     Raises:
         InputError: the shape is another, a number is not finite, reflectance outside [0, 1].
     """
-    array = np.asarray(points, dtype=np.float32)
-    if array.ndim != 2 or array.shape[1] not in (3, 4):
-        raise InputError("shape of points", array.shape, "(N, 3) or (N, 4)")
+    array = _array_of(points)
     return Sweep(
         xyz_m=np.array(array[:, :3], order="C"),
         reflectance=np.array(array[:, 3])
@@ -45,6 +45,20 @@ def sweep_of(
         world_T_ego=world_T_ego,
         origin_m=np.array(origin_m, dtype=np.float64),
     )
+
+
+def _array_of(points: ArrayLike) -> F32:
+    """Return (N, 3) or (N, 4) numbers; an empty list is no points.
+
+    Raises:
+        InputError: text, ragged rows, masked or complex numbers, or another shape.
+    """
+    if isinstance(points, Sized) and not len(points):
+        return np.zeros((0, 3), np.float32)
+    array: F32 = as_array("points", points, np.float32, (None, None))
+    if array.shape[1] not in (3, 4):
+        raise InputError("shape of points", array.shape, "(N, 3) or (N, 4)")
+    return array
 
 
 def detections_of(detections: Detections, stamp_ns: int, world_T_ego: Pose) -> Objects:
@@ -65,6 +79,7 @@ def detections_of(detections: Detections, stamp_ns: int, world_T_ego: Pose) -> O
 
 
 def _objects(arrays: Mapping[str, ArrayLike], stamp_ns: int) -> Objects:
+    require_instance("detections", arrays, Mapping)
     for name in arrays:
         if name not in KNOWN:
             raise unknown_name("array of detections", name, KNOWN)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.errors import InputError
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import FlowSource, FrameObserver, GroundMap, Scene
 from mottrack.core.motion import FlowField
@@ -36,8 +37,8 @@ between them is scaled to 0.1 s."""
 LONGEST_STEP_S = 0.75
 """Annotated frames further apart say nothing of the motion; nuScenes' are 0.5 s apart."""
 
-PointChoice = Callable[[str, int], Mask]
-"""Which points of a sweep are evaluated, (N,) by scene and stamp."""
+PointChoice = Callable[[str, int], Mask | None]
+"""Which points of a sweep are evaluated, (N,) by scene and stamp; None for none of them."""
 
 
 class Sample(NamedTuple):
@@ -51,6 +52,9 @@ def scene_flow_points(
     experiment: Experiment, scene: Scene, choice: PointChoice | None = None
 ) -> list[Sample]:
     """Return the evaluated points of every annotated frame of a scene that has a next one.
+
+    With a `choice` that names a frame without annotations (of a test split) its points are there
+    too, without a known truth: an estimate for the challenge's files.
 
     The source is fed with the scene backwards (`MirroredScene`), so its field at a sweep points to
     the next one. A point takes the velocity of its cell; one in a cell that was not measured, or
@@ -68,8 +72,10 @@ def scene_flow_points(
     frames = [scene.frame(index) for index in range(len(scene))]
     annotated = [i for i, frame in enumerate(frames) if frame.truth is not None]
     following = dict(pairwise(annotated))
+    if choice is not None:
+        following = dict(pairwise(range(len(frames)))) | following
     found = []
-    for index, field in fields(experiment, source, MirroredScene(scene)):
+    for index, field in fields(experiment, source, MirroredScene(scene), frozenset(following)):
         if index not in following:
             continue
         now, after = frames[index], frames[following[index]]
@@ -77,16 +83,22 @@ def scene_flow_points(
             continue
         sweep = scene.sweep(index)
         keep = choice(scene.name, now.stamp_ns) if choice else evaluated(scene, sweep)
+        if keep is None:
+            continue
+        if len(keep) != len(sweep):
+            expected = f"{len(sweep)}, the points of the sweep"
+            raise InputError(f"mask of {scene.name} at {now.stamp_ns}", len(keep), expected)
         found.append(Sample(now.stamp_ns, flow_points(Pair(now, after), sweep.select(keep), field)))
     return found[::-1]
 
 
 def fields(
-    experiment: Experiment, source: FlowSource, mirrored: MirroredScene
+    experiment: Experiment, source: FlowSource, mirrored: MirroredScene, needed: frozenset[int]
 ) -> Iterator[tuple[int, FlowField | None]]:
     """Yield the index of each frame of the recording, from its end, and the field measured there.
 
-    The first frame has no field: nothing follows it.
+    The first frame has no field: nothing follows it. A source without state is asked only for the
+    frames that are needed.
     """
     settings, stateful = experiment.settings, source.stateful
     pairs = SweepPairs(settings.pair_s, settings.max_pair_s)
@@ -98,11 +110,9 @@ def fields(
         previous = pairs.push(sweep, consecutive=stateful)
         if previous is None and stateful:
             source.reset()
-        wanted = previous is not None and (stateful or frame.truth is not None)
-        yield (
-            mirrored.original(index),
-            source.estimate(previous, sweep) if previous is not None and wanted else None,
-        )
+        original = mirrored.original(index)
+        wanted = previous is not None and (stateful or original in needed)
+        yield original, source.estimate(previous, sweep) if previous and wanted else None
 
 
 def evaluated(scene: Scene, sweep: Sweep) -> Mask:
@@ -123,15 +133,16 @@ def evaluated(scene: Scene, sweep: Sweep) -> Mask:
 
 @dataclass(frozen=True)
 class Pair:
-    """An annotated frame and the next one."""
+    """An annotated frame and another one, to which the flow of its points leads."""
 
     now: Frame
-    after: Frame
+    other: Frame
+    """The next frame; in a run, which knows no later ones, the frame before."""
 
     @property
     def step_s(self) -> float:
-        """Time between them."""
-        return seconds_between(self.now.stamp_ns, self.after.stamp_ns)
+        """Time between them, positive."""
+        return abs(seconds_between(self.now.stamp_ns, self.other.stamp_ns))
 
     @property
     def scaled(self) -> bool:
@@ -144,33 +155,56 @@ class Pair:
         return PAIR_S if self.scaled else self.step_s
 
     @property
-    def after_T_now(self) -> Pose:
+    def other_T_now(self) -> Pose:
         """The vehicle's own motion; none where motion is scaled: it is taken out there."""
         if self.scaled:
             return Pose.identity()
-        return self.after.world_T_ego.inverse() @ self.now.world_T_ego
+        return self.other.world_T_ego.inverse() @ self.now.world_T_ego
 
 
 def flow_points(pair: Pair, sweep: Sweep, field: FlowField | None) -> FlowPoints:
     """Return points with their flow as the challenge's files have it: ego motion included."""
-    xyz_m = sweep.xyz_m.astype(np.float64)
-    moved_m, category, valid = true_motion(pair, sweep)
-    said_m = np.zeros_like(xyz_m)
-    if field is not None:
-        said_m[:, :2] = -cell_velocities(field, xyz_m) * pair.flow_s
-    rotation = pair.after_T_now.rotation
-    ego_motion_m = pair.after_T_now.apply(xyz_m) - xyz_m
-    return FlowPoints(
-        truth_m=ego_motion_m + moved_m @ rotation.T,
-        estimate_m=ego_motion_m + said_m @ rotation.T,
-        category=category,
-        dynamic=np.linalg.norm(moved_m, axis=1) >= DYNAMIC_M,
-        dynamic_estimate=np.linalg.norm(said_m, axis=1) >= DYNAMIC_M,
-        close=np.abs(xyz_m[:, :2]).max(axis=1, initial=0.0) <= CLOSE_M,
-        valid=valid & _labelled(pair.now, xyz_m),
-        ego_motion_m=ego_motion_m,
-        xy_m=xyz_m[:, :2],
-    )
+    return TruePoints.of(pair, sweep).estimated(field)
+
+
+@dataclass(frozen=True)
+class TruePoints:
+    """Points of a sweep and what annotated tracks say of them, for any number of estimates."""
+
+    pair: Pair
+    xyz_m: F64
+    """(N, 3) ego frame."""
+    motion: Motion
+
+    @classmethod
+    def of(cls, pair: Pair, sweep: Sweep) -> TruePoints:
+        """Look up the true motion of the points of a sweep."""
+        return cls(pair, sweep.xyz_m.astype(np.float64), true_motion(pair, sweep))
+
+    def estimated(self, field: FlowField | None) -> FlowPoints:
+        """Return the points with the flow of a field, whose velocities lead away from `other`.
+
+        A source that is fed backwards, and one in a run whose `other` is the frame before, both
+        say how the content of a cell came from there: the way there is its opposite.
+        """
+        xyz_m, pair = self.xyz_m, self.pair
+        said_m = np.zeros_like(xyz_m)
+        if field is not None:
+            said_m[:, :2] = -cell_velocities(field, xyz_m) * pair.flow_s
+        rotation = pair.other_T_now.rotation
+        ego_motion_m = pair.other_T_now.apply(xyz_m) - xyz_m
+        moved_m = self.motion.moved_m
+        return FlowPoints(
+            truth_m=ego_motion_m + moved_m @ rotation.T,
+            estimate_m=ego_motion_m + said_m @ rotation.T,
+            category=self.motion.category,
+            dynamic=np.linalg.norm(moved_m, axis=1) >= DYNAMIC_M,
+            dynamic_estimate=np.linalg.norm(said_m, axis=1) >= DYNAMIC_M,
+            close=np.abs(xyz_m[:, :2]).max(axis=1, initial=0.0) <= CLOSE_M,
+            valid=self.motion.valid & _labelled(pair.now, xyz_m),
+            ego_motion_m=ego_motion_m,
+            xy_m=xyz_m[:, :2],
+        )
 
 
 def cell_velocities(field: FlowField, xyz_m: F64) -> F64:
@@ -180,7 +214,9 @@ def cell_velocities(field: FlowField, xyz_m: F64) -> F64:
     return np.where(measured[:, None], field.velocity_mps[row, column], 0.0).astype(np.float64)
 
 
-class _Motion(NamedTuple):
+class Motion(NamedTuple):
+    """How N points move over the ground, by annotated tracks."""
+
     moved_m: F64
     """(N, 3) displacement over the ground, axes of the vehicle's frame."""
     category: I64
@@ -189,12 +225,12 @@ class _Motion(NamedTuple):
     """(N,)"""
 
 
-def true_motion(pair: Pair, sweep: Sweep) -> _Motion:
+def true_motion(pair: Pair, sweep: Sweep) -> Motion:
     """Return what annotated tracks say of every point: it moves rigidly with its box."""
-    truth, later = pair.now.truth, pair.after.truth
+    truth, later = pair.now.truth, pair.other.truth
     if truth is None or later is None or not len(truth):
-        none = np.full(len(sweep), BACKGROUND)
-        return _Motion(np.zeros((len(sweep), 3)), none, np.ones(len(sweep), np.bool_))
+        none, known = np.full(len(sweep), BACKGROUND), truth is not None and later is not None
+        return Motion(np.zeros((len(sweep), 3)), none, np.full(len(sweep), known))
     boxes = truth.transformed(sweep.world_T_ego.inverse(), "ego")
     size_m = boxes.size_m + BOX_GROWTH_M
     inside = points_in_boxes(sweep.xyz_m, boxes.centre_m, size_m, boxes.yaw_rad)
@@ -209,7 +245,7 @@ def true_motion(pair: Pair, sweep: Sweep) -> _Motion:
         rows = box == k
         moved_m[rows] = _carried(truth, later, (k, int(next_of[k])), world_m[rows]) - world_m[rows]
     to_ego = sweep.world_T_ego.rotation
-    return _Motion(moved_m @ to_ego * (pair.flow_s / pair.step_s), category, valid)
+    return Motion(moved_m @ to_ego * (pair.flow_s / pair.step_s), category, valid)
 
 
 def _carried(truth: Truth, later: Truth, rows: tuple[int, int], world_m: F64) -> F64:

@@ -14,13 +14,18 @@ from mottrack.core.frame import Frame
 from mottrack.core.interfaces import DetectedScene, FlowSource, GroundMap, Scene
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
+from mottrack.core.scene_objects import SceneObjects
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import median_period_s
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
+from mottrack.datasets.plausibility.watch import SceneWatch
+from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_sampler import FlowSampler
 from mottrack.pipeline.latency import StepTimes
+from mottrack.pipeline.measured_flow import MeasuredFlow
 from mottrack.pipeline.once import SharedFlow, SharedFrames, SharedObjects
+from mottrack.pipeline.scene_flow_sampler import SceneFlowSampler, SharedTruth
 from mottrack.pipeline.snapshots import SnapshotRecorder
 from mottrack.pipeline.stream import Perception, Pipeline, make_flow
 
@@ -40,6 +45,10 @@ class SceneRun:
     snapshots: list[Snapshot]
     times: StepTimes
     """Of every step; the period is the median time between two frames of the scene."""
+    objects: tuple[SceneObjects, ...] = ()
+    """What the tracker received, of each key frame."""
+    scene_flow: SceneFlowSums | None = None
+    """Point by point; None where flow is not compared with truth."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +129,7 @@ class SharedParts:
     """What the runs of one scene share: its frames, and parts of equal settings."""
 
     def __init__(self, scene: Scene, make_flow: MakeFlow) -> None:
-        self.frames = SharedFrames(scene)
+        self.frames, self.truth = SharedFrames(scene), SharedTruth(scene)
         self._make_flow, self._has_sweeps = make_flow, scene.has_sweeps
         self._flows: dict[str, SharedFlow] = {}
         self._objects: dict[tuple[str, bool], SharedObjects] = {}
@@ -157,10 +166,13 @@ class SceneLoop:
         if isinstance(scene, GroundMap):
             self._pipeline.use_ground(scene)
         self._sampler = FlowSampler.of(settings, has_sweeps=scene.has_sweeps)
+        self._scene_flow = SceneFlowSampler(shared.truth, self._sampler.enabled)
         self._recorder = SnapshotRecorder(settings.snapshots.points, enabled=member.keep_snapshots)
         self._reads_sweeps = self._sampler.enabled or self._pipeline.needs_sweeps
+        self._watch, self._measured = SceneWatch(scene), MeasuredFlow()
         self._keys: list[Frame] = []
         self._steps: list[Tracks] = []
+        self._objects: list[SceneObjects] = []
         self._stamps_ns: list[int] = []
 
     def step(self, index: int) -> Self:
@@ -176,8 +188,14 @@ class SceneLoop:
         self._stamps_ns.append(frame.stamp_ns)
         _check_detections(pipeline, self._scene, frame)
         self._sampler.observe(frame)
+        self._watch.add_unseen(frame, sweep)
         step = pipeline.step(frame, sweep)
+        self._scene_flow.collect(frame, sweep, step.field)
+        if pipeline.flow.needs_sweeps:
+            self._measured.add(step)
         if step.tracks is not None:
+            if step.objects is not None:
+                self._objects.append(SceneObjects.at(row, step.objects))
             self._sampler.collect(frame, step, row)
             self._recorder.take(row, sweep, step.field, step.objects)
             self._steps.append(step.tracks)
@@ -193,9 +211,16 @@ class SceneLoop:
         """
         steps, samples = self._pipeline.finish(self._steps), self._sampler.samples()
         result = _result(self._scene, self._keys, steps, samples)
-        result = replace(result, timings_s=self._pipeline.watch.seconds())
+        concerns = (*self._watch.concerns(), *self._measured.concerns())
+        result = replace(result, timings_s=self._pipeline.watch.seconds(), concerns=concerns)
         period_s = median_period_s(self._stamps_ns, DEFAULT_PERIOD_S)
-        return SceneRun(result, self._recorder.snapshots, self._pipeline.step_times(period_s))
+        return SceneRun(
+            result,
+            self._recorder.snapshots,
+            self._pipeline.step_times(period_s),
+            tuple(self._objects),
+            self._scene_flow.sums(),
+        )
 
 
 def flow_identity(experiment: Experiment) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
 from mottrack.core.checks import as_stamp
-from mottrack.core.errors import InputError
+from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import (
     FlowSource,
@@ -30,6 +30,9 @@ from mottrack.objects.velocity import measure_velocity
 from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes, Stopwatch
 from mottrack.pipeline.plain_input import Detections, detections_of, pose_of, sweep_of
 from mottrack.pipeline.sweep_pairs import SweepPairs
+from mottrack.trackers.step_input import LONGEST_STEP_NS
+
+R = TypeVar("R")
 
 
 class Pair(NamedTuple):
@@ -124,6 +127,7 @@ class Pipeline:
             settings.pair_s, settings.max_pair_s, required=self.flow.needs_sweeps
         )
         self._stamp_ns: int | None = None
+        self._had_sweep = False
         self.flow.reset()
         self.objects.reset()
 
@@ -137,14 +141,21 @@ class Pipeline:
 
         Args:
             frame: later than all before; its detections and truth in the world frame.
-            sweep: of the same stamp; None where no part reads sweeps, or none arrived.
+            sweep: of the same stamp; None where no part reads sweeps, or none arrived. A lost sweep
+                is taken for one without points: nothing is measured, clusters are not found, and
+                the tracks go on.
 
         Raises:
-            InputError: the stamp is not later than the last one, or frame and sweep have different
-                stamps: nothing has changed then. Or a part refuses its input: this frame is lost,
-                and the pipeline continues with the next.
+            InputError: the stamp is not later than the last one or a century later, frame and sweep
+                have different stamps, or there has been no sweep yet that a part needs: nothing has
+                changed then. Or a part refuses its input: this frame is lost, and the pipeline
+                continues with the next.
+            ConfigError: a part returns something else than its protocol says.
         """
         self._check(frame, sweep)
+        if sweep is None and self._had_sweep:
+            sweep = Sweep.lost(frame.stamp_ns, frame.world_T_ego)
+        self._had_sweep |= sweep is not None and self.needs_sweeps
         self._stamp_ns = frame.stamp_ns
         self.watch.lap()
         start = clock_s()
@@ -214,8 +225,14 @@ class Pipeline:
             raise InputError(
                 "stamp_ns", frame.stamp_ns, f"later than that of the last step, {self._stamp_ns}"
             )
+        if self._stamp_ns is not None and frame.stamp_ns - self._stamp_ns > LONGEST_STEP_NS:
+            expected = f"within a century of the last step, {self._stamp_ns}"
+            raise InputError("stamp_ns", frame.stamp_ns, expected)
 
     def _pair(self, sweep: Sweep) -> Pair | None:
+        """Return the sweep with an earlier one; None after a gap or a jump, or without points."""
+        if not len(sweep):
+            return None
         previous = self._pairs.push(sweep, consecutive=self.flow.stateful)
         if previous is None and self.flow.stateful:
             self.flow.reset()  # its state lies before a gap: it would refuse every later sweep
@@ -225,19 +242,19 @@ class Pipeline:
         if pair is None:
             return None
         with self.watch("flow"):
-            return self.flow.estimate(*pair)
+            return returned(self.flow.estimate(*pair), FlowField, "flow source")
 
     def _measured_objects(
         self, frame: Frame, sweep: Sweep | None, field: FlowField | None
     ) -> Objects:
         with self.watch("objects"):
-            objects = self.objects.objects(frame, sweep)
+            objects = returned(self.objects.objects(frame, sweep), Objects, "object source")
         with self.watch("velocity"):
             return self._with_velocity(frame, objects, field)
 
     def _track(self, frame: Frame, objects: Objects) -> Tracks:
         with self.watch("tracker"):
-            return self.tracker.step(frame.stamp_ns, objects)
+            return returned(self.tracker.step(frame.stamp_ns, objects), Tracks, "tracker")
 
     def _with_velocity(self, frame: Frame, objects: Objects, field: FlowField | None) -> Objects:
         if field is None or not len(objects):
@@ -260,6 +277,18 @@ def joined(given: VelocityMeasurement | None, flow: VelocityMeasurement) -> Velo
         return given
     fused = fuse_velocities([given, flow])
     return fused.with_error_model(flow.error_model) if (flow.valid & ~given.valid).any() else fused
+
+
+def returned(value: object, kind: type[R], part: str) -> R:
+    """Return what a part has returned, if it is what the part's protocol says.
+
+    Raises:
+        ConfigError: it is something else, as of a plug-in that forgets to return.
+    """
+    if not isinstance(value, kind):
+        found, wanted = type(value).__name__, kind.__name__
+        raise ConfigError(f"the {part} returned {found}, expected {wanted}")
+    return value
 
 
 def make_flow(experiment: Experiment) -> FlowSource:

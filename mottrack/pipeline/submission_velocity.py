@@ -10,14 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from mottrack.core import Frame, SceneResult
-from mottrack.core.arrays import Mask
+from mottrack.core import SceneResult
 from mottrack.core.storage import write_text
-from mottrack.core.tables import FrameTable, TrackTable, TruthTable
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
 from mottrack.eval.nuscenes.command import Request
-from mottrack.eval.nuscenes.submission import Box, Submission, read_submission
+from mottrack.eval.nuscenes.submission import read_submission
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, PairedDifference, draw, paired_all, sample
 from mottrack.eval.run_metrics import velocity_metrics
 from mottrack.eval.velocity_error import (
@@ -26,9 +24,9 @@ from mottrack.eval.velocity_error import (
     velocity_table,
 )
 from mottrack.formats.nuscenes_classes import CLASSES
-from mottrack.formats.rigid import quaternion_yaws
 from mottrack.formats.strict_json import strict
 from mottrack.formats.text_table import aligned
+from mottrack.pipeline.result_files import submission_results
 
 COLUMNS = ("mean", "median", "worst 5 %", "rows")
 
@@ -51,7 +49,7 @@ def velocity_report(request: Request, other: Path | None, out: Path) -> Iterator
         root=request.dataroot, version=request.version, split=request.split, rate_hz=2
     )
     dataset = NuScenes(config)
-    first = _results(dataset, read_submission(request.submission))
+    first = submission_results(dataset, read_submission(request.submission))
     if not any(len(result.truth) for result in first):
         yield "velocity error: this split has no annotations"
         return
@@ -65,7 +63,7 @@ def velocity_report(request: Request, other: Path | None, out: Path) -> Iterator
     ]
     yield f"velocity error of the tracks, m/s\n{aligned([['tracks', *COLUMNS], *rows])}"
     if other is not None:
-        second = _results(dataset, read_submission(other))
+        second = submission_results(dataset, read_submission(other))
         yield from _unknown(other, second)
         found = _differences(first, second)
         content["differences"] = [
@@ -73,46 +71,6 @@ def velocity_report(request: Request, other: Path | None, out: Path) -> Iterator
         ]
         yield _comparison(found)
     write_text(out / "velocity_error.json", json.dumps(strict(content), indent=1))
-
-
-def _results(dataset: NuScenes, submission: Submission) -> list[SceneResult]:
-    """Return truth and submitted tracks of every scene of the split."""
-    results = []
-    for name in dataset.scene_names:
-        scene = dataset.scene(name)
-        frames = [scene.frame(i) for i in range(len(scene))]
-        tracks = _tracks(frames, submission.results)
-        truth = TruthTable.of(frames)
-        table = FrameTable.of(frames)
-        results.append(SceneResult(name, table, truth, tracks, classes=tuple(CLASSES)))
-    return results
-
-
-def _tracks(frames: Sequence[Frame], boxes_of: dict[str, list[Box]]) -> TrackTable:
-    boxes = [(i, box) for i, f in enumerate(frames) for box in boxes_of.get(f.token, ())]
-    if not boxes:
-        return TrackTable.empty()
-    velocity = np.array([box["velocity"] for _, box in boxes], np.float64)
-    names = np.array([str(box["tracking_id"]) for _, box in boxes])
-    columns = {
-        name: np.array([box[name] for _, box in boxes], np.float64)
-        for name in ("translation", "size", "rotation", "tracking_score")
-    }
-    count = len(boxes)
-    known: Mask = np.asarray(np.isfinite(velocity).all(axis=1))
-    return TrackTable(
-        frame=np.array([frame for frame, _ in boxes]),
-        id=np.unique(names, return_inverse=True)[1],
-        label=np.array([box["tracking_name"] for _, box in boxes]),
-        centre_m=columns["translation"],
-        size_m=columns["size"][:, [1, 0, 2]],
-        yaw_rad=quaternion_yaws(columns["rotation"]),
-        velocity_mps=np.where(known[:, None], velocity, 0.0),
-        velocity_covariance_m2ps2=np.tile(np.eye(2), (count, 1, 1)),
-        score=columns["tracking_score"],
-        observed=known,
-        hull_corners=np.zeros(count, np.int64),
-    )
 
 
 def _unknown(path: Path, results: Sequence[SceneResult]) -> Iterator[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 from mottrack.core.errors import InputError
-from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 
 GAPS = 3
 """Gaps after which a scene without any pair is refused: one or two may be lost sweeps."""
@@ -13,6 +13,8 @@ GAPS = 3
 
 class SweepPairs:
     """Keeps the last sweeps and selects the one whose age is nearest to ``pair_s``.
+
+    Sweeps before a jump of the pose are no partners: between them the ego motion is not known.
 
     At 20 Hz a pedestrian moves less than the noise from one sweep to the next, at 2 Hz vehicles
     move by several lengths; 0.1 s suits both. Sweeps further apart than ``max_pair_s`` are no
@@ -27,7 +29,7 @@ class SweepPairs:
         self._gaps = 0
 
     def push(self, sweep: Sweep, *, consecutive: bool = False) -> Sweep | None:
-        """Add the newest sweep; return its partner, or None where none is recent enough.
+        """Add the newest sweep; return its partner, None where there is none in reach.
 
         Args:
             sweep: later than all before.
@@ -37,6 +39,8 @@ class SweepPairs:
             InputError: the first three sweeps in a row have no partner: this data set has key
                 frames only, from which flow can't be measured.
         """
+        if self._sweeps and has_jumped(self._sweeps[-1], sweep):
+            self._sweeps.clear()
         ages = {id(s): seconds_between(s.stamp_ns, sweep.stamp_ns) for s in self._sweeps}
         while self._sweeps and ages[id(self._sweeps[0])] > self._max_pair_s:
             self._sweeps.popleft()

@@ -15,9 +15,9 @@ from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
 from mottrack.formats.html_page import page_templates
 from mottrack.report.analysis import Analysis
 from mottrack.report.differences import difference_groups
-from mottrack.report.player_scenes import contents, select_scenes
+from mottrack.report.evaluations import evaluation_sections
+from mottrack.report.player_scenes import SceneSelection, contents, select_scenes
 from mottrack.report.ranking import ReportRun, Verdicts, report_runs
-from mottrack.report.settings import differing
 from mottrack.report.summary import findings, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
 from mottrack.report.timing import (
@@ -29,6 +29,7 @@ from mottrack.report.timing import (
     widest_ms,
 )
 from mottrack.runs.comparison import Comparison
+from mottrack.runs.comparison_tables import settings_table
 from mottrack.runs.conclusion import conclusion
 from mottrack.runs.terminal import in_common
 from mottrack.runs.velocity_bench import plain_words
@@ -45,6 +46,7 @@ SCRIPTS = (
     "bev_view.js",
     "error_panel.js",
     "player.js",
+    "deep_link.js",
     "main.js",
 )
 MAX_MB = 15.0
@@ -74,11 +76,13 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
     runs = report_runs([run for run in comparison.runs if run.report.finished])
     analyses = [Analysis.of(run.scored) for run in runs]
     verdicts = Verdicts.of(comparison.differences)
+    selection = select_scenes(runs, analyses, max_mb * 1e6)
     content = {
         **_summary(runs, analyses, comparison, verdicts),
         **_tables(runs, analyses, verdicts),
         **_times(runs, [a.timing for a in analyses]),
-        **_player(runs, analyses, max_mb),
+        **_player(runs, analyses, selection),
+        **evaluation_sections(runs, [packed.scene for packed in selection.scenes]),
         **_sources(),
     }
     write_text(path, page_templates("mottrack.report").get_template(TEMPLATE).render(**content))
@@ -93,7 +97,7 @@ def _summary(
     has_truth = any(run.has_truth for run in runs)
     groups = difference_groups(comparison.differences, runs) if has_truth else []
     return {
-        "name": runs[0].scored.experiment.name if runs else "run",
+        "name": _name(runs),
         "about": in_common([run.scored for run in runs]),
         "version": __version__,
         "runs": runs,
@@ -111,6 +115,12 @@ def _summary(
     }
 
 
+def _name(runs: Sequence[ReportRun]) -> str:
+    """Return the name that the runs share; runs of different days have none."""
+    names = {run.scored.experiment.name for run in runs}
+    return names.pop() if len(names) == 1 else " and ".join(run.title for run in runs) or "run"
+
+
 def _tables(
     runs: Sequence[ReportRun], analyses: Sequence[Analysis], verdicts: Verdicts
 ) -> dict[str, Any]:
@@ -124,7 +134,7 @@ def _tables(
         "metrics": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
         "glossary": (*TRACKING, *VELOCITY, *FLOW, TIMING, INTERVAL, ORACLE),
         "interval": INTERVAL,
-        "differing": differing(runs),
+        "settings": settings_table([run.scored for run in runs]).texts() if runs[1:] else [],
         "config": yaml.safe_dump(
             runs[0].scored.experiment.resolved() if runs else {},
             sort_keys=False,
@@ -144,9 +154,8 @@ def _times(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[
 
 
 def _player(
-    runs: Sequence[ReportRun], analyses: Sequence[Analysis], max_mb: float
+    runs: Sequence[ReportRun], analyses: Sequence[Analysis], selection: SceneSelection
 ) -> dict[str, Any]:
-    selection = select_scenes(runs, analyses, max_mb * 1e6)
     plots = [
         {
             "title": run.title,
@@ -163,6 +172,10 @@ def _player(
 def _sources() -> dict[str, str]:
     folder = files("mottrack.report").joinpath("templates")
     return {
-        "style": "\n".join(folder.joinpath("css", name).read_text() for name in STYLES),
-        "script": "\n".join(folder.joinpath("js", name).read_text() for name in SCRIPTS),
+        "style": "\n".join(
+            folder.joinpath("css", name).read_text(encoding="utf-8") for name in STYLES
+        ),
+        "script": "\n".join(
+            folder.joinpath("js", name).read_text(encoding="utf-8") for name in SCRIPTS
+        ),
     }

@@ -94,6 +94,7 @@ def contents(selection: SceneSelection, runs: Sequence[ReportRun]) -> list[dict[
     several = len({packed.dataset for packed in selection.scenes}) > 1
     return [
         {
+            "key": packed.scene,
             "name": f"{packed.dataset}: {packed.scene}" if several else packed.scene,
             "runs": [
                 {

@@ -23,7 +23,7 @@ from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.tasks import Job, Progress
 from mottrack.runs.velocity_bench import FlowValue, flow_values
 
-__all__ = ["Comparison", "ScoredRun", "load_comparison", "run_comparison"]
+__all__ = ["Comparison", "ScoredRun", "load_comparison", "run_comparison", "variants_of"]
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
     """
     require_exists(folder)
     notes = _notes(folder)
-    runs = [_load_run(folder, variant, notes.get(variant, {})) for variant in _variants(folder)]
+    runs = [_load_run(folder, variant, notes.get(variant, {})) for variant in variants_of(folder)]
     runs = [run for run in runs if run.finished]
     if not runs:
         raise ConfigError(
@@ -137,7 +137,7 @@ def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
     return Comparison(tuple(runs), folder, find_differences(runs, baseline))
 
 
-def _variants(folder: Path) -> list[str]:
+def variants_of(folder: Path) -> list[str]:
     """Return the names of the runs, in order; "" where the folder is a run itself."""
     if RunFolder(folder).identity_file.exists():
         return [""]

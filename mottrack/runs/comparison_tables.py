@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDifference
+from mottrack.experiment.overrides import GROUPS
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.differences import RunDifferences
+from mottrack.runs.scene_flow import figure_name, scene_flow_tables
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.velocity_bench import bench_table
 
@@ -30,13 +34,16 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     if not runs:
         return []
     tables = [tracking_table(runs), velocity_table(runs), latency_table(runs)]
+    if len(runs) > 1:
+        tables.append(settings_table(runs))
     if any(run.scores.flow for run in runs):
         tables.insert(2, flow_table(runs))
+    tables += scene_flow_tables(runs)
     if comparison.flow_values:
         tables.append(bench_table(comparison.flow_values))
     if comparison.differences:
         tables.append(difference_table(comparison.differences))
-    return tables
+    return [table for table in tables if table.rows]
 
 
 def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
@@ -63,13 +70,16 @@ def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
                 numbers["hota"] = float("nan")
             rows.append((run.title, label, *(numbers[name] for _, name in figures)))
     columns = (Column("run"), Column("class"), *(Column(name) for name, _ in figures))
-    return TextTable("tracking", "Tracking, matched by centre distance", columns, tuple(rows))
+    by = {"distance": "centre distance", "iou": "3-D IoU"}[runs[0].config.match_by]
+    return TextTable("tracking", f"Tracking, matched by {by}", columns, tuple(rows))
 
 
 def velocity_table(runs: Sequence[ScoredRun]) -> TextTable:
     """Tabulate the velocity error of tracks by category, a group of columns per run."""
     names = [f"{run.title}: {part}" for run in runs for part in VELOCITY_PARTS]
     rows: list[tuple[Cell, ...]] = []
+    if not any(run.velocity_error("all").count for run in runs):  # trackers that report none
+        return TextTable("velocity", "Track velocity error, m/s", (Column("tracks"),), ())
     for row in dict.fromkeys(row for run in runs for row in run.scores.velocity):
         cells: list[Cell] = []
         for error in (run.velocity_error(row) for run in runs):
@@ -133,8 +143,40 @@ def difference_table(parts: Sequence[RunDifferences]) -> TextTable:
     return TextTable("differences", "Differences to the baseline", columns, tuple(rows), METHOD)
 
 
+def settings_table(runs: Sequence[ScoredRun]) -> TextTable:
+    """Tabulate the settings in which the runs differ, a column per run.
+
+    Of a part of another kind the kind alone is listed: its settings are others altogether.
+    """
+    flat = [flat_settings(run.experiment.resolved()) for run in runs]
+    names = dict.fromkeys(name for settings in flat for name in settings)
+    values = {name: [settings.get(name) for settings in flat] for name in names}
+    other_kind = {g for g in GROUPS if len(set(values.get(f"{g}.kind", ()))) > 1}
+    rows: list[tuple[Cell, ...]] = [
+        (name, *found)
+        for name, found in values.items()
+        if len(set(found)) > 1
+        and (name.endswith(".kind") or name.partition(".")[0] not in other_kind)
+    ]
+    columns = (Column("setting"), *(Column(run.title) for run in runs))
+    return TextTable("settings", "Settings in which the runs differ", columns, tuple(rows))
+
+
+def flat_settings(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
+    """Return settings by their dotted names, as text; what differs in kind has no other names."""
+    flat: dict[str, str] = {}
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            flat |= flat_settings(value, f"{prefix}{name}.")
+        else:
+            flat[prefix + name] = json.dumps(value, default=str)
+    return flat
+
+
 def metric_name(key: MetricKey) -> str:
     """Return the name of a metric in a table of differences, with its unit."""
+    if key.table == "sceneflow":
+        return f"scene flow, {figure_name(key)}"
     what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
     row = "" if key.table == "tracking" else f"{key.row}, "
     unit = f" ({key.unit})" if key.unit else ""

@@ -147,7 +147,7 @@ def _join_machines(sources: Sequence[Path], out: Path) -> None:
     machines: dict[Path, list[str]] = defaultdict(list)
     for source in sources:
         for file in source.rglob(MACHINES):
-            machines[file.relative_to(source)] += json.loads(file.read_text())
+            machines[file.relative_to(source)] += json.loads(file.read_text(encoding="utf-8"))
     for path, names in machines.items():
         write_text(out / path, json.dumps(list(dict.fromkeys(names)), indent=1) + "\n")
 

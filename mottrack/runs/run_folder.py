@@ -17,8 +17,11 @@ from mottrack._version import __version__
 from mottrack.core.arrays import F64
 from mottrack.core.errors import ConfigError, DataError, ResultError, require_exists, unknown_name
 from mottrack.core.result import SceneResult
+from mottrack.core.scene_objects import SceneObjects, load_objects, save_objects
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
 from mottrack.core.storage import discard_unfinished, write_bytes, write_text
+from mottrack.eval.sceneflow.stored import load_sums, save_sums
+from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.plugins import Part
 from mottrack.formats.columns import ColumnSpec
@@ -28,7 +31,10 @@ from mottrack.formats.nuscenes_tables import json_array
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
 
-RESULT, SNAPSHOTS = ".npz", ".snapshots.npz"
+RESULT, SNAPSHOTS, OBJECTS = ".npz", ".snapshots.npz", ".objects.npz"
+SCENE_FLOW = ".sceneflow.npz"
+BESIDE = (SNAPSHOTS, OBJECTS, SCENE_FLOW)
+"""Files of a scene that end as its result does."""
 MOST_NAME = 200
 """Characters of a scene's name: file names have 255 bytes, the suffix and a temporary name too."""
 _SECONDS = ColumnSpec("seconds")
@@ -77,6 +83,14 @@ class RunFolder:
         """Return the path of points, flow and objects of key frames, if kept: core.snapshot."""
         return self._file(scene, SNAPSHOTS)
 
+    def objects_file(self, scene: str) -> Path:
+        """Return the path of what the tracker received: core.scene_objects."""
+        return self._file(scene, OBJECTS)
+
+    def scene_flow_file(self, scene: str) -> Path:
+        """Return the path of the sums of the scene flow, if compared: eval.sceneflow.stored."""
+        return self._file(scene, SCENE_FLOW)
+
     def latency_file(self, scene: str) -> Path:
         """Return the path of the seconds per stage of every step, key frame or not."""
         return self._file(scene, ".latency.json")
@@ -90,7 +104,7 @@ class RunFolder:
     def scenes(self) -> tuple[str, ...]:
         """Names of the scenes with a stored result, sorted."""
         names = (file.name for file in (self.path / "scenes").glob(f"*{RESULT}"))
-        return tuple(sorted(n.removesuffix(RESULT) for n in names if not n.endswith(SNAPSHOTS)))
+        return tuple(sorted(n.removesuffix(RESULT) for n in names if not n.endswith(BESIDE)))
 
     def reserve(self, experiment: Experiment) -> None:
         """Write the configuration, or check that the folder already belongs to it.
@@ -134,16 +148,24 @@ class RunFolder:
     def store(self, run: SceneRun) -> None:
         """Write the results of a scene; the result file last, since it marks the scene finished."""
         result = run.result
-        if run.snapshots:
-            save_snapshots(self.snapshots_file(result.name), run.snapshots)
+        save_objects(self.objects_file(result.name), run.objects)
+        if run.scene_flow is not None:
+            save_sums(self.scene_flow_file(result.name), run.scene_flow)
         seconds = {stage: values.tolist() for stage, values in result.timings_s.items()}
         write_text(self.timings_file(result.name), json.dumps(seconds))
         write_text(self.latency_file(result.name), json.dumps(run.times.as_dict()))
+        self.store_result(result, run.snapshots)
+
+    def store_result(self, result: SceneResult, snapshots: Sequence[Snapshot]) -> None:
+        """Write a result that nobody has timed, and its key frames if there are any."""
+        if snapshots:
+            save_snapshots(self.snapshots_file(result.name), snapshots)
         result.save(self.scene_file(result.name))
 
     def files(self, scene: str) -> dict[str, bytes]:
         """Read the stored files of a scene, by name; its result comes last."""
-        paths = (self.timings_file, self.latency_file, self.snapshots_file, self.scene_file)
+        beside = (self.snapshots_file, self.objects_file, self.scene_flow_file)
+        paths = (self.timings_file, self.latency_file, *beside, self.scene_file)
         return {path.name: path.read_bytes() for f in paths if (path := f(scene)).exists()}
 
     def store_files(self, files: Mapping[str, bytes]) -> None:
@@ -192,6 +214,24 @@ class RunFolder:
         """
         path = self.snapshots_file(scene)
         return load_snapshots(path) if path.exists() else []
+
+    def load_objects(self, scene: str) -> SceneObjects | None:
+        """Read what the tracker received; None where the run did not store it.
+
+        Raises:
+            ResultError: the file is damaged.
+        """
+        path = self.objects_file(scene)
+        return load_objects(path) if path.exists() else None
+
+    def load_scene_flow(self, scene: str) -> SceneFlowSums | None:
+        """Read the sums of the scene flow; None where it was not compared.
+
+        Raises:
+            ResultError: the file is damaged.
+        """
+        path = self.scene_flow_file(scene)
+        return load_sums(path) if path.exists() else None
 
     def times(self, scene: str) -> StepTimes:
         """Read the times of every step.

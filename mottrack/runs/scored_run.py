@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
-from mottrack.core.concerns import SceneConcern, summaries
+from mottrack.core.concerns import Concern, SceneConcern, summaries
 from mottrack.core.result import SceneResult
 from mottrack.datasets.plausibility.seen import SeenScene
 from mottrack.datasets.plausibility.watch import scene_concerns
@@ -117,7 +117,9 @@ class ScoredRun:
         """What is unlikely in the data of the finished scenes, a line for each kind."""
         found: list[SceneConcern] = []
         for scene in self.finished:
-            concerns = scene_concerns(SeenScene.of_result(self.folder.load(scene, flow=False)))
+            result = self.folder.load(scene, flow=False)
+            # boxes in an image have no heading and no size that could be unlikely
+            concerns = result.concerns if self.dataset == "mot" else _concerns(result)
             found += [SceneConcern(scene, concern) for concern in concerns]
         return summaries(found)
 
@@ -143,3 +145,10 @@ class ScoredRun:
             "latency": None if self.latency is None else asdict(self.latency),
             "metrics": self.scores.as_dict(),
         }
+
+
+def _concerns(result: SceneResult) -> list[Concern]:
+    """Return what was found while the scene was read, and what its tracks add to that."""
+    known = {concern.kind for concern in result.concerns}
+    of_tracks = scene_concerns(SeenScene.of_result(result))
+    return [*result.concerns, *(c for c in of_tracks if c.kind not in known)]

@@ -93,7 +93,7 @@ def read_records(folder: Path) -> list[ShardRecord]:
             ShardRecord(
                 Shard.parse(name), tuple(part["scenes"]), dict(part["failed"]), int(part["row"])
             )
-            for name, part in json.loads(path.read_text()).items()
+            for name, part in json.loads(path.read_text(encoding="utf-8")).items()
         ]
     except (ValueError, KeyError, TypeError, AttributeError, ConfigError) as error:
         raise ResultError(path, "content", repr(error), "records of shards") from error

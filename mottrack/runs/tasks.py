@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from mottrack.core.errors import MottrackError
+from mottrack.core.memory import exhausted
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_cache import FlowCache
 from mottrack.runs.run_folder import RunFolder
@@ -19,7 +20,10 @@ ATTEMPTS = 2
 """Per scene: a worker may be killed for lack of memory while another one peaks."""
 MESSAGE_EVERY_S = 0.2
 """Between two messages of progress of a task: as often as an eye follows."""
-DIED = "its process died (killed, out of memory, or a crash in a library)"
+DIED = (
+    "its process died: killed, perhaps by the kernel for want of memory (use fewer --workers), "
+    "or a crash in a library"
+)
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -158,6 +162,8 @@ def reason(error: Exception) -> str:
     """Return the reason of a failure in one line; the place too where it is no user's error."""
     if isinstance(error, MottrackError):
         return str(error)
+    if isinstance(error, MemoryError):
+        return exhausted()
     place = traceback.extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}:{place.lineno}"
     return f"{type(error).__name__}: {error} ({where})"

@@ -73,7 +73,7 @@ def _group(runs: Sequence[ScoredRun]) -> list[FlowValue]:
     base = figures[none.title]
     found = []
     for run in runs:
-        if run is none:
+        if run.experiment.flow.kind == NO_FLOW:  # the baseline, or one that differs elsewhere
             continue
         own = figures[run.title]
         rows = tuple(paired(key, base[key], own[key]) for key in base if key in own)

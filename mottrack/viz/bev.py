@@ -169,8 +169,11 @@ def _draw_velocities(axes: Axes, tracks: TrackTable, ego_T_world: Pose) -> None:
     """Draw the displacement of one second as an arrow, and the identity beside it."""
     centres = ego_T_world.apply(tracks.centre_m)[:, :2]
     velocity = tracks.velocity_mps @ rotation_2d(ego_T_world.yaw_rad).T
-    if len(tracks):
+    reported = np.isfinite(velocity).all(axis=1)  # a tracker of others may report none
+    if reported.any():
         arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.003}
-        axes.quiver(*centres.T, *velocity.T, color=TRACK_COLOUR, zorder=5, **arrows)
+        axes.quiver(
+            *centres[reported].T, *velocity[reported].T, color=TRACK_COLOUR, zorder=5, **arrows
+        )
     for centre, identity in zip(centres, tracks.id, strict=True):
         axes.annotate(str(identity), centre, **NUMBER)

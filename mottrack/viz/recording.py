@@ -122,10 +122,11 @@ class Recording:
     def _log_tracks(self, result: SceneResult, rows: I64, origin_m: F64) -> None:
         tracks = result.tracks.select(rows)
         self._log_boxes("world/tracks", tracks, origin_m)
+        moving = tracks.select(np.asarray(np.isfinite(tracks.velocity_mps).all(axis=1)))
         arrows = self.rerun.Arrows3D(
-            origins=tracks.centre_m - origin_m,
-            vectors=np.pad(tracks.velocity_mps, ((0, 0), (0, 1))),
-            colors=_colours(tracks),
+            origins=moving.centre_m - origin_m,
+            vectors=np.pad(moving.velocity_mps, ((0, 0), (0, 1))),
+            colors=_colours(moving),
         )
         self.stream.log("world/tracks/velocity", arrows)
         closed = [np.concatenate([h, h[:1]]) - origin_m[:2] for h in hulls_of(result, rows)]

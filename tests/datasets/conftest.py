@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -66,15 +67,18 @@ def source_scene(format_name: str) -> Scene:
 @pytest.fixture(scope="session")
 def written_roots(tmp_path_factory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("written")
-    for name in FORMATS:
+    names = [name for name in FORMATS if name != "ros" or find_spec("rosbags")]
+    for name in names:
         world = SyntheticConfig(scenes=1, seed=SEED, duration_s=DURATION_S)
         write_synthetic(folder / name, name, world)
-    return {name: folder / name for name in FORMATS}
+    return {name: folder / name for name in names}
 
 
 @pytest.fixture(params=["synthetic", *FORMATS], scope="session")
 def written(request, written_roots) -> Written:
     name = request.param
+    if name == "ros":
+        pytest.importorskip("rosbags", reason="needs the extra: pip install mottrack[ros]")
     source = Recorded(source_scene(name))
     if name == "synthetic":
         return Written(name, Path(), source, source)

@@ -18,7 +18,7 @@ from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
 from mottrack.datasets.writers import FORMATS, write_synthetic
 from mottrack.experiment.plugins import load_part
 from mottrack.formats.rigid import quaternion_wxyz
-from tests.datasets import ros_log
+from tests.datasets.py123d.log_writer import write_logs
 
 SEED = 5
 DURATION_S = 0.55
@@ -109,16 +109,24 @@ def geometry(boxes, index: int) -> list[float]:
 
 
 def write_ros(root: Path) -> None:
-    for scene in embedded_scenes():
-        frames = [scene.frame(i) for i in range(len(scene))]
-        sweeps = [scene.sweep(i) for i in range(len(scene))]
-        clouds = {s.stamp_ns: ros_log.structured(s.xyz_m, 255.0 * s.reflectance) for s in sweeps}
-        poses = {frame.stamp_ns: frame.world_T_ego for frame in frames}
-        ros_log.write_log(root / f"{scene.name}.mcap", clouds, poses)
+    pytest.importorskip("rosbags", reason="needs the extra: pip install mottrack[ros]")
+    format_writer("ros")(root)
+
+
+def write_py123d(root: Path) -> None:
+    pytest.importorskip("py123d", reason="needs the extra: pip install mottrack[py123d]")
+    write_logs(root, embedded_scenes())
+
+
+def escape_from_t4(root: Path) -> Settings:
+    return escaped(sorted(root.glob("*/annotation/sample_data.json"))[0])
 
 
 def escape_from_nuscenes(root: Path) -> Settings:
-    path = root / "v1.0-trainval/sample_data.json"
+    return escaped(root / "v1.0-trainval/sample_data.json")
+
+
+def escaped(path: Path) -> Settings:
     rows = json.loads(path.read_text())
     for record in rows:
         record["filename"] = f"../{record['filename']}"
@@ -146,6 +154,21 @@ MAKERS: dict[str, Maker] = {
         "samples/LIDAR_TOP/*.pcd.bin",
         escape_from_nuscenes,
     ),
-    "ros": Maker(write_ros, {}, "*.mcap"),
+    "py123d": Maker(
+        write_py123d, {}, "*/*/lidar.lidar_merged.arrow", lambda _: {"split": "../elsewhere"}
+    ),
+    "ros": Maker(write_ros, {"detections_topic": "/detections", "truth_topic": "/truth"}, "*.mcap"),
+    "t4": Maker(
+        format_writer("t4"),
+        {"detections": FORMATS["t4"].detections},
+        "*/data/LIDAR_CONCAT/*.pcd.bin",
+        escape_from_t4,
+    ),
+    "truckscenes": Maker(
+        format_writer("truckscenes"),
+        {"split": "val", "detections": FORMATS["truckscenes"].detections},
+        "samples/LIDAR_LEFT/*.pcd",
+        escape_from_nuscenes,
+    ),
     "synthetic": Maker(settings={"scenes": SCENES, "seed": SEED, "duration_s": DURATION_S}),
 }

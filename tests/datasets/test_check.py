@@ -11,6 +11,8 @@ from mottrack.cli import app
 from mottrack.core import DataError, FrameTable, SceneResult, TrackTable, TruthTable
 from mottrack.datasets.nuscenes.config import NuScenesConfig
 from mottrack.datasets.nuscenes.dataset import NuScenes
+from mottrack.experiment.experiment import load_experiments
+from mottrack.runs.run_folder import RunFolder
 
 
 def run(*arguments):
@@ -74,6 +76,8 @@ def test_submit_writes_every_sample_of_a_run(written_roots, tmp_path):
     frames = [scene.frame(i) for i in range(len(scene))]
     tracks = crowd(600)
     run_folder = tmp_path / "run"
+    dataset_of_run = f"dataset={{kind: nuscenes, root: {written_roots['nuscenes']}, split: val}}"
+    RunFolder(run_folder).reserve(load_experiments("demo", [dataset_of_run, "flow=zero"])[0])
     result = SceneResult(scene.name, FrameTable.of(frames), TruthTable.empty(), tracks)
     result.save(run_folder / "scenes" / f"{scene.name}.npz")
     out = tmp_path / "submission.json"

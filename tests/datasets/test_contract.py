@@ -27,10 +27,10 @@ def root_of(tmp_path_factory) -> Callable[[str], Path]:
 
     def root(kind: str) -> Path:
         if kind not in roots:
-            roots[kind] = tmp_path_factory.mktemp(kind)
-            made = maker(kind)
+            made, folder = maker(kind), tmp_path_factory.mktemp(kind)
             if made.write:
-                made.write(roots[kind])
+                made.write(folder)
+            roots[kind] = folder  # of a kind that skips, nothing is kept
         return roots[kind]
 
     return root

@@ -6,6 +6,7 @@ import pytest
 from mottrack.core import ConfigError, DataError, Pose
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.dataset import Folder
+from mottrack.datasets.plausibility.watch import SceneWatch
 from tests.datasets import ros_log
 
 STAMPS = [1_000_000_000, 1_100_000_000, 1_200_000_000]
@@ -238,19 +239,45 @@ def test_a_row_step_that_is_too_small_and_topics_in_each_others_place(bag):
     ros_log.write_messages(bag, {"/points": {STAMPS[0]: data}, "/odometry": poses})
     with pytest.raises(DataError, match="row_step is 100, expected at least 1600"):
         open_bag(bag).sweep(0)
-    with pytest.raises(DataError, match="type of /odometry is nav_msgs/msg/Odometry, expected sen"):
+    with pytest.raises(
+        DataError, match="type of /points is sensor_msgs/msg/PointCloud2, expected nav"
+    ):
         open_bag(bag, points_topic="/odometry", odometry_topic="/points")
 
 
-def test_a_log_of_a_killed_recorder_and_logs_of_other_formats(bag, tmp_path):
-    from mottrack.datasets.ros.config import RosConfig
-    from mottrack.datasets.ros.dataset import RosLogs
-
+def test_a_log_of_a_killed_recorder(bag):
     bag.write_bytes(bag.read_bytes()[:-20])
     with pytest.raises(DataError, match="unfinished, expected a finished log"):
         open_bag(bag)
-    other = tmp_path / "bags"
-    other.mkdir()
-    (other / "a.bag").write_bytes(b"#ROSBAG V2.0")
-    with pytest.raises(DataError, match=r"logs of another format.*rosbags-convert"):
-        _ = RosLogs(RosConfig(root=other)).scene_names
+
+
+def concerns_of(scene):
+    watch = SceneWatch(scene)
+    for index in range(len(scene)):
+        watch.add_unseen(scene.frame(index), scene.sweep(index))
+    return [str(concern) for concern in watch.concerns()]
+
+
+@pytest.mark.parametrize("how", ["missing", "no bytes", "no points"])
+@pytest.mark.parametrize("which", [0, 2])
+def test_a_lost_sweep_costs_that_sweep(log, how, which):
+    path = next(log.glob(f"sweeps/{STAMPS[which]}.*"))
+    path.unlink()
+    if how == "no bytes":
+        path.write_bytes(b"")
+    elif how == "no points":
+        nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+        np.savez(path.with_suffix(".npz"), xyz_m=nothing[0], reflectance=nothing[1])
+    scene = open_log(log)
+    assert [len(scene.sweep(i)) for i in range(3)] == [200 * (i != which) for i in range(3)]
+    assert concerns_of(scene) == [
+        f"sweeps that are missing or empty: 1, first at frame {STAMPS[which]}"
+    ]
+
+
+def test_a_log_without_any_sweep_names_the_first(log):
+    for path in log.glob("sweeps/*"):
+        path.unlink()
+    assert not open_log(log).has_sweeps
+    with pytest.raises(DataError, match=f"{STAMPS[0]}.bin: file is missing"):
+        open_log(log).sweep(0)

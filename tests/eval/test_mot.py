@@ -36,6 +36,10 @@ def test_command_adds_sequences_up(shared_data: Path, tmp_path: Path) -> None:
     content = json.loads((tmp_path / "mot.json").read_text())
     assert content["all"]["truth"] == 359 + 1156
     assert len(content["all"]["alphas"]["hota"]) == 19
+    output = CliRunner().invoke(app, [*arguments, "--bootstrap", "50"]).output
+    ends = json.loads((tmp_path / "mot.json").read_text())["all"]["intervals"]
+    assert ends["hota"][0] < content["all"]["hota"] < ends["hota"][1]
+    assert "95 % interval over sequences" in output
     with pytest.raises(InputError, match="--tracks"):
         CliRunner().invoke(app, [*arguments, "--truth", "x"], catch_exceptions=False)
 

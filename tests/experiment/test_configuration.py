@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mottrack.core import ConfigError, DataError
 from mottrack.experiment.experiment import compose, load_experiments
 from mottrack.experiment.overrides import parse_override
-from mottrack.experiment.yaml_file import parse_yaml, read_yaml
+from mottrack.formats.yaml_file import parse_yaml, read_yaml
 
 HERE = Path("experiment.yaml")
 TOY = {

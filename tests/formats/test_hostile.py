@@ -16,13 +16,13 @@ from mottrack.core.checks import as_array
 from mottrack.core.limits import MAX_POINTS, MAX_ROWS
 from mottrack.core.printed import printable, shown
 from mottrack.experiment.overrides import parse_override
-from mottrack.experiment.yaml_file import parse_scalar, parse_yaml
 from mottrack.formats.columns import ColumnSpec, specs
 from mottrack.formats.feather import read_feather_columns
 from mottrack.formats.files import inside, read_text
 from mottrack.formats.json_text import parse_json
 from mottrack.formats.text_rows import Layout, read_text_columns
 from mottrack.formats.text_table import Column, TextTable, to_csv, to_latex, to_markdown
+from mottrack.formats.yaml_file import parse_scalar, parse_yaml
 
 
 def test_messages_are_one_line_that_is_cut_and_escaped() -> None:

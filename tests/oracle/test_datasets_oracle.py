@@ -46,7 +46,7 @@ def devkit(root):
 
 @pytest.fixture(scope="module")
 def ours(root):
-    return NuScenes(NuScenesConfig(root=root, split="val", rate_hz=20))
+    return NuScenes(NuScenesConfig(root=root, split="val", rate_hz=20, vehicle=None))
 
 
 def test_official_splits():

@@ -12,7 +12,7 @@ from mottrack.core import ConfigError
 from mottrack.eval.paired import Ratio, draw, sample
 from mottrack.paper.page import write_paper
 from mottrack.paper.plan import STUDIES, Request, Study
-from mottrack.paper.published import NONE, TABLES
+from mottrack.paper.published import NONE, SCENE_FLOW, TABLES
 from mottrack.paper.results import Results, StudyResult
 from mottrack.paper.studies import spread, studies
 from mottrack.runs.differences import Resamples
@@ -44,7 +44,9 @@ def results() -> Results:
     for table in TABLES:
         if table.number == "II":
             continue
-        for variant, values in table.values.items():
+        # a table of ours has no value of the paper: half a metre each, as good as any
+        of_ours = {variant: (0.5,) * len(table.columns) for variant in table.extra}
+        for variant, values in (table.values or of_ours).items():
             for (_, key), value in zip(table.columns, values, strict=True):
                 level = (value or 1.0) * (1 + 1e-4 * rng.normal(size=SCENES))
                 of_study = figures.setdefault(table.study, {}).setdefault(variant, {})
@@ -78,7 +80,9 @@ def test_everything_is_written_and_consistent(
     for table in TABLES:
         for suffix in ("csv", "tex"):
             assert f"table_{table.number}_world.{suffix}" in names
-    assert (tmp_path / "paper.md").read_text().count("**Table ") == len(TABLES)
+    tables = (tmp_path / "paper.md").read_text()
+    assert tables.count("**Table ") == sum(bool(table.values) for table in TABLES)
+    assert f"**{SCENE_FLOW.title}**" in tables
     assert "reproduced" in lines[0]
 
 

@@ -1,4 +1,4 @@
-"""A data set that a configuration names as ``faulty_plugins:FaultyWorld``."""
+"""Parts with faults, which a configuration names as ``faulty_plugins:Class``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import os
 import signal
 from pathlib import Path
 
-from mottrack.core import DataError, Frame
+from mottrack.core import DataError, FlowSourceBase, Frame
+from mottrack.core.interfaces import ObjectSourceBase
 from mottrack.datasets.synthetic.dataset import SyntheticDataset
 from mottrack.datasets.synthetic.scene import SyntheticScene
 
@@ -27,3 +28,23 @@ class FaultyWorld(SyntheticDataset):
 
         scene.frame = faulty  # type: ignore[method-assign]
         return scene
+
+
+class SilentFlow(FlowSourceBase):
+    """Forgets to return its field."""
+
+    def __init__(self, *, grid: object) -> None: ...
+
+    def estimate(self, *_sweeps: object) -> None: ...
+
+
+class SilentObjects(ObjectSourceBase):
+    """Forgets to return its objects."""
+
+    def objects(self, *_given: object) -> None: ...
+
+
+class SilentTracker:
+    """Forgets to return its tracks."""
+
+    def step(self, *_given: object) -> None: ...

@@ -156,3 +156,13 @@ def test_every_control_has_a_name_and_is_reachable_by_keyboard(page: Page) -> No
         !(e.ariaLabel || e.textContent.trim() || e.labels?.length)).map((e) => e.outerHTML)""")
     assert nameless == []
     assert page.run("[...document.querySelectorAll('[tabindex]')].every((e) => e.tabIndex === 0)")
+
+
+def test_a_link_leads_to_a_box_in_the_player(page: Page) -> None:
+    page.run("location.hash = '#scene=b&run=1&frame=2&x=12.5&y=-3'")
+    page.wait_for("document.getElementById('frame-label').textContent.startsWith('frame 3 ')")
+    assert page.run("document.getElementById('scene').selectedOptions[0].textContent") == "b"
+    assert page.run("document.getElementById('run-0').value") == "1"
+    page.run("location.hash = '#scene=nowhere&frame=1'")
+    assert label(page).startswith("frame 3 ")
+    assert page.errors == []

@@ -11,7 +11,6 @@ from mottrack.core import ConfigError
 from mottrack.experiment.experiment import load_experiments
 from mottrack.report.page import write_report
 from mottrack.report.ranking import report_runs
-from mottrack.report.settings import differing
 from mottrack.report.summary import share
 from mottrack.runs.comparison import Comparison, load_comparison
 from mottrack.runs.velocity_bench import plain_words
@@ -167,12 +166,6 @@ def test_a_flow_source_keeps_its_colour(comparison: Comparison) -> None:
     first, second = comparison.runs
     colours = {run.title: run.colour for run in report_runs([second, first])}
     assert colours == {run.title: run.colour for run in report_runs([first, second])}
-
-
-def test_only_settings_that_differ_are_listed(comparison: Comparison) -> None:
-    rows = {row.key: row.values for row in differing(report_runs(comparison.runs))}
-    assert rows["flow.kind"] == ("zero", "toy_plugins:ConstantFlow")
-    assert not any(key.startswith(("dataset.", "tracker.", "scores.")) for key in rows)
 
 
 def test_the_title_is_that_of_the_data(tmp_path: Path) -> None:

@@ -56,7 +56,8 @@ def test_runs_are_paired_over_the_scenes_that_both_have(comparison: Comparison) 
     assert fast.difference == pytest.approx(fast.value - 10.0)
     stored = json.loads((comparison.out / "scores.json").read_text())["differences"][0]
     assert stored["scenes"] == 3
-    assert {f["table"] for f in stored["figures"]} == {"tracking", "velocity", "flow"}
+    tables = {"tracking", "velocity", "flow", "sceneflow"}
+    assert {f["table"] for f in stored["figures"]} == tables
     table = {t.name: t for t in comparison_tables(comparison)}["differences"]
     assert len(table.rows) == len(part.rows)
     assert "better" in {row[8] for row in table.rows}

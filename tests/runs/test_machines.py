@@ -111,7 +111,7 @@ def test_runs_that_share_compute_once_and_store_the_same_bytes(
 ) -> None:
     run(world(), tmp_path / "alone", Execution(LOCAL, share=False), progress)
     run(world(), tmp_path / "shared", Execution(LocalPool(1)), progress)
-    assert len(files_of(tmp_path / "alone")) == 6 * (2 + 2 * 2)
+    assert len(files_of(tmp_path / "alone")) == 6 * (2 + 2 * 4)  # of a scene four
     assert files_of(tmp_path / "alone") == files_of(tmp_path / "shared")
     pairs: list[object] = []
     (job, *_) = jobs = comparison_jobs(world()[-2:], tmp_path / "counted")

@@ -1,5 +1,7 @@
 import json
+import multiprocessing
 import shutil
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +16,12 @@ from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.runs.comparison import load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables
-from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.local_pool import LocalPool, _Pool, _Worker
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, run_experiment
-from mottrack.runs.terminal import comparison_text
+from mottrack.runs.tasks import Task
+from mottrack.runs.terminal import closing_text, comparison_text
+from tests.datasets.makers import embedded_scenes, write_own_log
 
 HERE = Path("experiment.yaml")
 
@@ -68,7 +72,7 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress
             progress=progress,
         )
     assert files_of(tmp_path / "1") == files_of(tmp_path / "3")
-    assert len(files_of(tmp_path / "1")) == 6
+    assert len(files_of(tmp_path / "1")) == 12  # result, snapshots, objects, scene flow
     assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 8
 
 
@@ -89,6 +93,25 @@ def test_a_failure_loses_only_its_scene_and_a_killed_worker_is_retried(
     assert report.failed["bug"].startswith("KeyError: 'bug' (toy_plugins.py:")
     assert "its process died" in report.failed["killed"]
     assert not flag.exists()
+
+
+def test_a_worker_that_dies_after_its_result_is_replaced(progress) -> None:
+    class Dead:
+        def join(self) -> None: ...
+
+    task = Task("a", ())
+    for served in (True, False):
+        hired = []
+        pool = _Pool(lambda *_: [], progress, deque([task]))
+        pool.start_worker = lambda hired=hired: hired.append(True)
+        ours, theirs = multiprocessing.Pipe()
+        theirs.close()
+        worker = _Worker(Dead(), ours, served=served)
+        pool._give_task(worker)
+        # the scene is not to blame, unless it is the first that was sent
+        assert [t.deaths for t in pool.queue] == ([0] if served else [1] * len(task.jobs))
+        assert hired == ([True] if served else [])
+        assert not pool.busy
 
 
 def test_an_interrupted_run_is_resumed_with_the_same_bytes(tmp_path: Path, progress) -> None:
@@ -212,3 +235,21 @@ def test_a_scene_without_detections_names_the_file_that_should_hold_them(
     words = r"detections/pointrcnn/{Pedestrian,Car,Cyclist}/0000.txt: detections of 0000 is absent"
     with pytest.raises(DataError, match=words.replace("{", r"\{").replace("}", r"\}")):
         run_scene(experiment, scene)
+
+
+def test_what_a_reader_left_out_is_told_again_by_the_run(tmp_path: Path, progress) -> None:
+    """Also where boxes alone are read of a stored result."""
+    log = tmp_path / "logs" / "monday"
+    write_own_log(log, embedded_scenes()[0])
+    sorted(log.glob("sweeps/*"))[1].unlink()
+    tree = {"dataset": {"kind": "folder", "root": str(log.parent)}, "score_flow": False}
+    comparison = run_comparison(
+        compose(tree | {"objects": "clusters", "flow": "zero"}, [], HERE),
+        tmp_path / "out",
+        execution=Execution(LocalPool(1)),
+        progress=progress,
+    )
+    (run,) = comparison.runs
+    assert not comparison.failed
+    assert any("sweeps that are missing or empty: 1 in 1 scene" in text for text in run.concerns)
+    assert "sweeps that are missing or empty" in "\n".join(closing_text(comparison))

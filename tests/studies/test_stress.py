@@ -11,10 +11,11 @@ from mottrack.cli import app
 from mottrack.core.errors import ConfigError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import Pose
+from mottrack.eval.paired import Ratio, draw, sample
 from mottrack.experiment.experiment import load_experiments
 from mottrack.studies.stress.damage import DAMAGES, Moment
 from mottrack.studies.stress.stressed import Stress, StressedFlow, StressedScene
-from mottrack.studies.stress.study import Outcome, breaking_amount
+from mottrack.studies.stress.study import Outcome, breaking_amount, hurting_amount
 
 COUNT = 2000
 
@@ -137,21 +138,39 @@ def test_flow_gets_worse(kind: str) -> None:
         assert error.std() == pytest.approx(1.0, rel=0.05)
 
 
-def test_where_a_tracker_breaks() -> None:
+def outcome(amount: float, scenes: list[float]) -> Outcome:
+    level = np.array(scenes)
+    figure = sample(Ratio(level, np.ones(len(level))), draw(len(level), 100))
+    return Outcome("a", Stress("jitter", amount), {"hota": figure})
+
+
+def test_where_a_tracker_is_worse_and_where_it_breaks() -> None:
+    """The loss of 0.01 differs between scenes by more than its mean, that of 0.2 does not."""
+    clean = [0.5, 0.6, 0.7, 0.6]
+    losses = ([0, 0, 0, 0], [-0.1, 0.15, -0.1, 0.09], [0.2, 0.21, 0.19, 0.2], [0.4, 0.4, 0.4, 0.4])
     found = [
-        Outcome("a", Stress("jitter", x), {"hota": y}) for x, y in ((0, 0.6), (1, 0.4), (2, 0.2))
+        outcome(amount, [c - loss for c, loss in zip(clean, of_scene, strict=True)])
+        for amount, of_scene in enumerate(losses)
     ]
-    assert breaking_amount(found, "hota") == 2
-    assert breaking_amount(found[:2], "hota") is None
+    assert hurting_amount(found, "hota") == 2
+    assert breaking_amount(found, "hota") == 3
+    assert breaking_amount(found[:3], "hota") is None
+    assert hurting_amount(found[:2], "hota") is None
 
 
 def test_the_command_and_its_files(tmp_path: Path) -> None:
-    command = ["stress", "demo", "flow=zero", "dataset.scenes=1", "dataset.duration_s=3"]
+    command = ["stress", "demo", "flow=zero", "dataset.scenes=2", "dataset.duration_s=3"]
+    command += ["tracker=kalman,toy_plugins:EchoTracker", "--bootstrap", "20"]
     done = CliRunner().invoke(app, [*command, "--kinds", "dropout", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     rows = json.loads((tmp_path / "stress.json").read_text())
-    assert [row["amount"] for row in rows] == list(DAMAGES["dropout"].steps)
-    assert rows[-1]["recall"] < rows[0]["recall"]
+    steps = list(DAMAGES["dropout"].steps)
+    first, other = rows[::2], rows[1::2]
+    assert [row["amount"] for row in first] == [row["amount"] for row in other] == steps
+    assert first[-1]["figures"]["recall"]["value"] < first[0]["figures"]["recall"]["value"]
+    assert first[-1]["to_undamaged"]["recall"]["better"] is False
+    assert {"difference", "low", "high"} <= other[0]["to_first_tracker"]["hota"].keys()
     assert (tmp_path / "stress.png").is_file()
+    assert "Breaks: half of" in done.output
     done = CliRunner().invoke(app, [*command, "--kinds", "fog", "--out", str(tmp_path)])
     assert isinstance(done.exception, ConfigError)

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from mottrack.trackers import KalmanTracker
+from mottrack.trackers.fixed_lag import FixedLagTracker
 from mottrack.trackers.kalman.block_bank import BlockBank
+from tests.trackers.long_run import Health, hostile_drive
 
 TRACKS, STEPS = 1000, 1000
 
@@ -32,3 +35,15 @@ def test_a_million_steps(name: str) -> None:
     assert np.isfinite(bank.mean).all()
     np.testing.assert_allclose(covariance, covariance.swapaxes(1, 2), atol=1e-9)
     assert np.linalg.eigvalsh(covariance).min() > 0
+
+
+@pytest.mark.parametrize("make", [KalmanTracker, FixedLagTracker])
+def test_gaps_scales_and_places_around_the_earth(make: type) -> None:
+    """Of this, `benchmarks/long_runs.py` does hundreds of thousands of steps."""
+    health, tracker = Health(), make()
+    for objects in hostile_drive(np.random.default_rng(2), 600):
+        health.add(tracker.step(objects.stamp_ns, objects))
+    assert health.tracks > 100
+    assert health.not_finite == 0
+    assert health.asymmetry < 1e-9
+    assert health.smallest > 0.0

@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.detection_files import DetectorConfig
 from mottrack.datasets.vehicle import VehicleOutline
 
 CLASSES = ("bicycle", "bus", "car", "motorcycle", "pedestrian", "trailer", "truck")
@@ -55,8 +56,11 @@ class Argoverse2Config(StrictModel):
     frames: int | None = Field(None, ge=1, description="only the first so many frames")
     require_sweeps: bool = Field(False, description="only frames that have a sweep")
     detections: Path | None = Field(
-        None, description="feather file of detections; relative: to the working folder or root"
+        None,
+        description="feather file of detections, a table or an export; relative: to the working "
+        "folder or root; {scene}: a file each",
     )
+    detector: DetectorConfig = DetectorConfig()
     class_map: dict[str, str] = Field(CLASS_MAP, description="category to label")
     lidar_origin_m: tuple[float, float, float] = Field(
         (1.35, 0.0, 1.64),

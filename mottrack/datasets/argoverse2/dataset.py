@@ -12,7 +12,6 @@ from mottrack.core.arrays import F64
 from mottrack.datasets.argoverse2.config import CLASSES, Argoverse2Config
 from mottrack.datasets.argoverse2.ground_height import GroundHeight, read_ground_height
 from mottrack.datasets.argoverse2.log_files import (
-    LogPoses,
     annotation_stamps,
     read_annotations,
     read_lidar_origin,
@@ -21,7 +20,9 @@ from mottrack.datasets.argoverse2.log_files import (
     read_sweep,
     sweep_stamps,
 )
+from mottrack.datasets.detection_files import general_detections, is_general, located, relabelled
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import (
     SWEEP_OR_OPTION,
     checked_index,
@@ -77,7 +78,7 @@ class Argoverse2Scene:
         self._folder, self._config = folder, config
         self._sweep_stamps = frozenset(sweep_stamps(folder / "sensors" / "lidar"))
         self._stamps = self._frame_stamps()
-        self._poses = self._frame_poses()
+        self._poses = read_poses(folder / POSES, self._stamps)
 
     @property
     def name(self) -> str:
@@ -124,9 +125,7 @@ class Argoverse2Scene:
     def detections_at(self) -> Path:
         """The file of detections; the root where none was named."""
         root, path = self._config.root, self._config.detections
-        if path is None:
-            return root
-        return path if path.is_file() else root / path
+        return root if path is None else located(root, path)
 
     @property
     def _annotation_file(self) -> Path:
@@ -149,15 +148,6 @@ class Argoverse2Scene:
         names = sorted(path.name for path in self._folder.glob("annotations*"))
         return f" (there is {', '.join(names)})" if names else ""
 
-    def _frame_poses(self) -> LogPoses:
-        poses = read_poses(self._folder / POSES)
-        for stamp in self._stamps:
-            if stamp not in poses:
-                expected = f"a row with timestamp_ns {stamp}"
-                raise MissingError(self._folder / POSES, "pose", "missing", expected)
-        every = np.array(sorted(poses), dtype=np.int64)
-        return LogPoses({stamp: poses[stamp] for stamp in self._stamps}, every)
-
     @cached_property
     def _origin_m(self) -> F64:
         path = self._folder / "calibration" / "egovehicle_SE3_sensor.feather"
@@ -177,4 +167,16 @@ class Argoverse2Scene:
     def _detections(self) -> DetectionTable | None:
         if self._config.detections is None:
             return None
+        if is_general(self._config.detections) or self.detections_at.is_dir():
+            return self._general_detections()
         return read_log_detections(self.detections_at, self.name, self._poses, self._config)
+
+    def _general_detections(self) -> DetectionTable | None:
+        poses = self._poses.frames
+        stamps = tuple(poses)
+        names = tuple((str(stamp),) for stamp in stamps)
+        frames = SceneFrames(self.name, names, stamps, tuple(poses.values()))
+        table = general_detections(self.detections_at, frames, self._config.detector)
+        if table is None:
+            return None
+        return relabelled(table, self._config.class_map, self.detections_at)

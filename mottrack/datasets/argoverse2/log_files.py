@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,8 +30,10 @@ from mottrack.formats.checks import (
     check_rotations,
     check_sizes,
     check_upright,
+    check_world_places,
 )
 from mottrack.formats.columns import Columns, ColumnSpec, specs
+from mottrack.formats.faults import MissingError
 from mottrack.formats.feather import read_feather_columns
 from mottrack.formats.rigid import quaternion_pose, quaternion_yaws
 
@@ -46,27 +48,34 @@ MAX_OFFSET_NS = 1e9
 _STAMP_NAME = re.compile("[0-9]{1,19}")
 _STAMP = ColumnSpec("timestamp_ns", int)
 _POSE = specs(*ROTATION, *TRANSLATION)
-_CUBOID = (_STAMP, ColumnSpec("category", str), *specs(*SIZE), *_POSE)
+CUBOID = (_STAMP, ColumnSpec("category", str), *specs(*SIZE), *_POSE)
 _POINT = (
     *specs("x", "y", "z", "intensity"),
     *(ColumnSpec(n, int) for n in ("laser_number", "offset_ns")),
 )
 
 
-def read_poses(path: Path) -> dict[int, Pose]:
-    """Return `world_T_ego` by time in nanoseconds; the world is Argoverse's city frame.
+def read_poses(path: Path, stamps_ns: Sequence[int]) -> LogPoses:
+    """Return `world_T_ego` at these times, ascending; the world is Argoverse's city frame.
 
     Raises:
-        DataError: damaged file, a stamp twice, a place far from Earth, or a quaternion that is not
-            a unit one.
+        DataError: damaged file, no pose at one of the times, a stamp twice, a place far from
+            Earth, or a quaternion that is not a unit one.
     """
     table = read_feather_columns(path, (_STAMP, *_POSE))
     table.refuse_repeated("timestamp_ns", table["timestamp_ns"], "each stamp once")
-    rotation, place = table.stacked(ROTATION), table.stacked(TRANSLATION)
-    return {
-        int(stamp): quaternion_pose(rotation[i], place[i], path, f"pose of row {i}")
-        for i, stamp in enumerate(table["timestamp_ns"])
-    }
+    table = table.extended(rotation=table.stacked(ROTATION), place=table.stacked(TRANSLATION))
+    check_world_places(table, "place")
+    check_rotations(table)
+    row_of = {stamp: row for row, stamp in enumerate(table["timestamp_ns"].tolist())}
+    poses = {}
+    for stamp in stamps_ns:
+        if stamp not in row_of:
+            raise MissingError(path, "pose", "missing", f"a row with timestamp_ns {stamp}")
+        row = row_of[stamp]
+        rotation, place = table["rotation"][row], table["place"][row]
+        poses[stamp] = quaternion_pose(rotation, place, path, f"pose of row {row}")
+    return LogPoses(poses, np.sort(table["timestamp_ns"]))
 
 
 def read_lidar_origin(path: Path) -> F64:
@@ -142,7 +151,7 @@ def read_annotations(path: Path, poses: LogPoses, config: Argoverse2Config) -> T
         DataError: damaged file, a value out of range, or a track twice at one time.
     """
     further = (ColumnSpec("num_interior_pts", int), ColumnSpec("track_uuid", str))
-    table = _at_frames(_checked_cuboids(read_feather_columns(path, (*_CUBOID, *further))), poses)
+    table = _at_frames(checked_cuboids(read_feather_columns(path, (*CUBOID, *further))), poses)
     check_points_in_box(table, "num_interior_pts")
     table.refuse("track_uuid", table["track_uuid"] == "", "a name")
     identity = np.unique(table["track_uuid"], return_inverse=True)[1].astype(np.int64)
@@ -152,7 +161,7 @@ def read_annotations(path: Path, poses: LogPoses, config: Argoverse2Config) -> T
     return TruthTable(
         frame=table["frame"],
         id=identity,
-        label=_labels(table["category"], config),
+        label=labels_of(table["category"], config.class_map),
         centre_m=centre_m,
         size_m=table["size"],
         yaw_rad=yaw_rad,
@@ -173,15 +182,15 @@ def read_log_detections(
         DataError: damaged file, a value out of range, or a time at which the log has no pose.
     """
     further = (ColumnSpec("score"), ColumnSpec("log_id", str))
-    table = read_feather_columns(path, (*_CUBOID, *further))
+    table = read_feather_columns(path, (*CUBOID, *further))
     table = table.select(table["log_id"] == log)
     if not len(table):
         return None
-    table = _at_frames(_checked_cuboids(table), poses)
+    table = _at_frames(checked_cuboids(table), poses)
     centre_m, yaw_rad = _in_world(table, poses)
     return DetectionTable(
         frame=table["frame"],
-        label=_labels(table["category"], config),
+        label=labels_of(table["category"], config.class_map),
         score=table["score"],
         centre_m=centre_m,
         size_m=table["size"],
@@ -190,7 +199,7 @@ def read_log_detections(
     )
 
 
-def _checked_cuboids(table: Columns) -> Columns:
+def checked_cuboids(table: Columns) -> Columns:
     """Return the rows with size (N, 3), rotation (N, 4) and translation (N, 3), all in range."""
     table = table.extended(
         size=table.stacked(SIZE),
@@ -232,6 +241,7 @@ def _in_world(table: Columns, poses: LogPoses) -> tuple[F64, F64]:
     return to_world(table["translation"], yaw_rad, table["frame"], list(poses.frames.values()))
 
 
-def _labels(category: Texts, config: Argoverse2Config) -> Texts:
-    names = [config.class_map.get(str(c), str(c).lower()) for c in category]
+def labels_of(category: Texts, class_map: Mapping[str, str]) -> Texts:
+    """Return the label of each Argoverse category."""
+    names = [class_map.get(str(c), str(c).lower()) for c in category]
     return np.array(names, dtype=np.str_)

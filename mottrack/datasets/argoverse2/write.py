@@ -88,7 +88,7 @@ def _annotations(frame: Frame, truth: Truth, sweep: Sweep | None) -> pa.Table:
         {
             "timestamp_ns": np.full(len(truth), frame.stamp_ns),
             "track_uuid": pa.array([f"{number:08d}" for number in truth.id], pa.string()),
-            "category": _categories(truth.label),
+            "category": categories(truth.label),
             **_cuboids(truth, frame),
             "num_interior_pts": counted_points(truth, sweep),
         }
@@ -100,14 +100,15 @@ def _detections(log: str, frame: Frame, found: Objects) -> pa.Table:
         {
             "timestamp_ns": np.full(len(found), frame.stamp_ns),
             "log_id": pa.array([log] * len(found), pa.string()),
-            "category": _categories(found.label),
+            "category": categories(found.label),
             **_cuboids(found, frame),
             "score": found.score,
         }
     )
 
 
-def _categories(labels: Texts) -> pa.Array:
+def categories(labels: Texts) -> pa.Array:
+    """Return the Argoverse category of each label, as text."""
     names = [CATEGORY_OF.get(str(label), str(label).upper()) for label in labels]
     return pa.array(names, pa.string())
 

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.detection_files import DetectorConfig
 from mottrack.datasets.vehicle import VehicleOutline
 
 
@@ -16,6 +17,12 @@ class FolderConfig(StrictModel):
 
     root: Path = Field(description="folder that holds a folder for each log")
     scenes: tuple[str, ...] | None = Field(None, description="log names; none given: all")
+    detections: Path | None = Field(
+        None,
+        description="table or export of detections; relative: to the working folder or root; "
+        "{scene}: a file each; null: detections.csv of each log",
+    )
+    detector: DetectorConfig = DetectorConfig()
     key_frames: Literal["all", "labelled"] = Field(
         "all", description="frames at which trackers step; labelled: those in boxes.csv"
     )

@@ -6,8 +6,10 @@ from functools import cached_property
 from pathlib import Path
 
 from mottrack.core import DataError, Frame, Sweep, TruthTable
+from mottrack.datasets.detection_files import general_detections, located
 from mottrack.datasets.folder.config import FolderConfig
 from mottrack.datasets.folder.log_files import (
+    is_lost,
     read_boxes_csv,
     read_detections_csv,
     read_poses_csv,
@@ -15,6 +17,7 @@ from mottrack.datasets.folder.log_files import (
     sweep_file,
 )
 from mottrack.datasets.scene_boxes import DetectionTable, objects_of, truth_of
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene, scenes_in
 from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.files import existing_folder, present
@@ -70,8 +73,8 @@ class FolderScene:
 
     @cached_property
     def has_sweeps(self) -> bool:
-        """Whether every frame has a sweep."""
-        return all(sweep_file(self._folder / "sweeps", stamp).is_file() for stamp in self._stamps)
+        """Whether any frame has a sweep; one that is missing then was lost."""
+        return any(sweep_file(self._folder / "sweeps", stamp).is_file() for stamp in self._stamps)
 
     def __len__(self) -> int:
         return len(self._stamps)
@@ -90,20 +93,26 @@ class FolderScene:
         )
 
     def sweep(self, index: int) -> Sweep:
-        """Return the sweep at `index`.
+        """Return the sweep at `index`; without points if its file is missing or empty.
+
+        Recorders lose single sweeps: `SceneWatch` counts them.
 
         Raises:
-            DataError: the file is missing or damaged.
+            DataError: the file is damaged, or there is no sweep at all.
         """
         stamp_ns = self._stamp_ns(index)
         path = sweep_file(self._folder / "sweeps", stamp_ns)
-        config = self._config
-        read = read_sweep(path, stamp_ns, self._poses[stamp_ns], config.lidar_origin_m)
+        pose, config = self._poses[stamp_ns], self._config
+        if self.has_sweeps and is_lost(path):
+            return Sweep.lost(stamp_ns, pose)
+        read = read_sweep(path, stamp_ns, pose, config.lidar_origin_m)
         return without_own_body(read, config.vehicle)
 
     @property
     def detections_at(self) -> Path:
         """The log's file of detections."""
+        if self._config.detections is not None:
+            return located(self._config.root, self._config.detections)
         return self._folder / "detections.csv"
 
     def _stamp_ns(self, index: int) -> int:
@@ -117,4 +126,9 @@ class FolderScene:
     @cached_property
     def _detections(self) -> DetectionTable | None:
         path = self.detections_at
+        if self._config.detections is not None:
+            names = tuple((str(stamp),) for stamp in self._stamps)
+            poses = tuple(self._poses.values())
+            frames = SceneFrames(self.name, names, tuple(self._stamps), poses)
+            return general_detections(path, frames, self._config.detector)
         return read_detections_csv(path, self._poses) if present(path) else None

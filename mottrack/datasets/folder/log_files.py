@@ -126,13 +126,22 @@ def sweep_file(folder: Path, stamp_ns: int) -> Path:
     return npz if present(npz) else folder / f"{stamp_ns}.bin"
 
 
+def is_lost(path: Path) -> bool:
+    """Return whether a sweep was not recorded: its file is not there, or of no bytes."""
+    return not present(path) or (path.is_file() and path.stat().st_size == 0)
+
+
 def read_sweep(path: Path, stamp_ns: int, world_T_ego: Pose, origin_m: Sequence[float]) -> Sweep:
     """Read one sweep; `origin_m` (3,) is the LiDAR's optical centre in the ego frame.
+
+    One of no points is a lost sweep.
 
     Raises:
         DataError: missing or damaged file, a value that is not finite or out of range.
     """
     arrays = _npz(path) if path.suffix == ".npz" else _bin(path)
+    if not len(arrays["xyz_m"]):
+        return Sweep.lost(stamp_ns, world_T_ego)
     check_points(path, arrays["xyz_m"])
     check_interval(path, "reflectance", arrays["reflectance"], 1.0)
     try:

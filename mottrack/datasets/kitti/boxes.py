@@ -9,11 +9,12 @@ yaw = -ry - pi/2: both count from the forward-pointing axes, and z points agains
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from mottrack.core import Pose
-from mottrack.core.arrays import F64
+from mottrack.core.arrays import F64, Mask
 
 # image size and rectified projection of the training sequences (P2 of the calibration files)
 WIDTH_PX, HEIGHT_PX = 1219.0, 375.0
@@ -22,6 +23,18 @@ PROJECTION = np.array(
 )
 """P2 of KITTI's calibration of 2011-09-26; the image is twice its principal point wide."""
 FIELD_OF_VIEW_RAD = float(np.arctan2(PROJECTION[0, 2], PROJECTION[0, 0]))
+
+
+class ImageSize(NamedTuple):
+    """Of a picture, in pixels."""
+
+    width_px: float
+    height_px: float
+
+
+NOMINAL = ImageSize(WIDTH_PX, HEIGHT_PX)
+LARGEST = ImageSize(1242.0, 376.0)
+"""Of KITTI's images the largest; each day's are cut to slightly other sizes."""
 _NEAREST_M = 0.1
 """Corners nearer than this, or behind the camera, are projected as if they were this far away."""
 
@@ -76,17 +89,40 @@ def _converted_heading(angle_rad: F64) -> F64:
     return np.mod(-angle_rad + np.pi / 2.0, 2.0 * np.pi) - np.pi
 
 
-def image_boxes(camera: CameraBoxes) -> F64:
+def image_boxes(
+    camera: CameraBoxes, projection: F64 = PROJECTION, size: ImageSize = NOMINAL
+) -> F64:
     """Return (N, 4) x1, y1, x2, y2 in pixels, clipped to the image, that hold the eight corners.
 
-    The image is that of the left colour camera.
+    The image is that of the left colour camera, to which the (3, 4) `projection` leads.
     """
-    corners = _corners(camera)
-    depth = np.maximum(corners[..., 2], _NEAREST_M)
-    x = PROJECTION[0, 0] * corners[..., 0] / depth + PROJECTION[0, 2]
-    y = PROJECTION[1, 1] * corners[..., 1] / depth + PROJECTION[1, 2]
-    x, y = np.clip(x, 0.0, WIDTH_PX), np.clip(y, 0.0, HEIGHT_PX)
+    x, y = _pixels(camera, projection)
+    x, y = np.clip(x, 0.0, size.width_px), np.clip(y, 0.0, size.height_px)
     return np.column_stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)])
+
+
+def in_image(camera: CameraBoxes, projection: F64 = PROJECTION) -> Mask:
+    """Return which boxes (N,) the left colour camera sees any of."""
+    x, y = _pixels(camera, projection)
+    ahead = camera.bottom_m[:, 2] > _NEAREST_M
+    across = (x.max(axis=1) > 0.0) & (x.min(axis=1) < LARGEST.width_px)
+    return np.asarray(ahead & across & (y.max(axis=1) > 0.0) & (y.min(axis=1) < LARGEST.height_px))
+
+
+class _Pixels(NamedTuple):
+    """Places of the corners in the image, (N, 8) each."""
+
+    x: F64
+    y: F64
+
+
+def _pixels(camera: CameraBoxes, projection: F64) -> _Pixels:
+    corners, p = _corners(camera), projection
+    depth = np.maximum(corners[..., 2] + p[2, 3], _NEAREST_M)
+    return _Pixels(
+        (p[0, 0] * corners[..., 0] + p[0, 3]) / depth + p[0, 2],
+        (p[1, 1] * corners[..., 1] + p[1, 3]) / depth + p[1, 2],
+    )
 
 
 def _corners(camera: CameraBoxes) -> F64:

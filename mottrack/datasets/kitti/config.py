@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.datasets.detection_files import DetectorConfig
 from mottrack.datasets.vehicle import VehicleOutline
 
 CLASSES = ("car", "pedestrian", "cyclist")
@@ -44,8 +45,10 @@ class KittiConfig(StrictModel):
     )
     detections: str | None = Field(
         "detections/pointrcnn",
-        description="folder under the root with `<Class>/<sequence>.txt`; null: none",
+        description="folder under the root with `<Class>/<sequence>.txt` (AB3DMOT), or a table, "
+        "an export or a folder of `<frame>.txt` with {scene} in its path; null: none",
     )
+    detector: DetectorConfig = DetectorConfig()
     poses: Literal["auto", "poses", "oxts", "none"] = Field(
         "auto", description="where ego poses come from; auto: `poses`, else `oxts`; none: at rest"
     )

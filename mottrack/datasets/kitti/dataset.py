@@ -10,9 +10,21 @@ import numpy as np
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
 from mottrack.core.concerns import Concern
 from mottrack.core.sweep import SECOND_NS
+from mottrack.datasets.detection_files import (
+    SCENE,
+    general_detections,
+    is_general,
+    relabelled,
+)
 from mottrack.datasets.kitti.boxes import camera_to_ego
+from mottrack.datasets.kitti.camera import Camera
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
-from mottrack.datasets.kitti.labels import camera_boxes, read_detection_file, read_label_file
+from mottrack.datasets.kitti.labels import (
+    camera_boxes,
+    read_detection_file,
+    read_label_file,
+    read_object_folder,
+)
 from mottrack.datasets.kitti.layout import SequenceFiles
 from mottrack.datasets.kitti.poses import read_calibration, read_camera_poses, read_oxts
 from mottrack.datasets.scene_boxes import (
@@ -23,6 +35,7 @@ from mottrack.datasets.scene_boxes import (
     truth_of,
     unknown_velocities,
 )
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import (
     SWEEP_OR_OPTION,
     checked_index,
@@ -202,11 +215,39 @@ class KittiScene:
 
     @cached_property
     def _detections(self) -> DetectionTable | None:
+        if is_general(self._files.config.detections):
+            return self._general_detections()
         tables = [self._detection_table(path) for path in self._files.detections]
         return DetectionTable.stacked(tables) if tables else None
 
+    def _general_detections(self) -> DetectionTable | None:
+        files = self._files
+        folder = Path(str(files.detections_at).replace(SCENE, self.name))
+        if folder.is_dir() and any(folder.glob("*.txt")):
+            return self._detection_table(folder)
+        table = general_detections(files.detections_at, self.all_frames(), files.config.detector)
+        return None if table is None else relabelled(table, files.config.class_map, folder)
+
+    @property
+    def camera(self) -> Camera:
+        """Where the camera is, in whose frame KITTI's files have boxes."""
+        return Camera(self._calibration.ego_T_camera, self._calibration.projection)
+
+    @property
+    def class_map(self) -> dict[str, str]:
+        """KITTI type to label."""
+        return self._files.config.class_map
+
+    def all_frames(self) -> SceneFrames:
+        """Return the frames of the sequence as files of boxes know them: by their number."""
+        numbers = range(len(self._poses))
+        stamps = tuple(self._stamp_ns(number) for number in numbers)
+        names = tuple((f"{n:06d}", str(n), str(stamp)) for n, stamp in enumerate(stamps))
+        return SceneFrames(self.name, names, stamps, tuple(self._poses))
+
     def _detection_table(self, path: Path) -> DetectionTable:
-        detected = read_detection_file(path)
+        """Return the detections of a file of AB3DMOT's, or of a folder of the object benchmark."""
+        detected = read_object_folder(path) if path.is_dir() else read_detection_file(path)
         if detected["frame"].max(initial=-1) >= len(self._poses):
             expected = f"below {len(self._poses)}, the number of poses"
             raise DataError(path, "frame", int(detected["frame"].max()), expected)

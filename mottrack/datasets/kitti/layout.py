@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from mottrack.datasets.detection_files import is_general, located
 from mottrack.datasets.kitti.config import KittiConfig
 from mottrack.datasets.kitti.labels import DETECTOR_TYPES
 from mottrack.formats.files import inside, present
@@ -47,7 +48,7 @@ class SequenceFiles:
     @property
     def detections(self) -> tuple[Path, ...]:
         """`<detections>/<Class>/<sequence>.txt` of the classes for which there is such a file."""
-        if self.config.detections is None:
+        if self.config.detections is None or is_general(self.config.detections):
             return ()
         folder = inside(self.config.root, self.config.detections)
         paths = (folder / kind / f"{self.sequence}.txt" for kind in DETECTOR_TYPES.values())
@@ -58,5 +59,7 @@ class SequenceFiles:
         """`<detections>/{Pedestrian,Car,Cyclist}/<sequence>.txt`, the root where none are read."""
         if self.config.detections is None:
             return self.config.root
+        if is_general(self.config.detections):
+            return located(self.config.root, self.config.detections)
         kinds = ",".join(DETECTOR_TYPES.values())
         return self.config.root / self.config.detections / f"{{{kinds}}}" / f"{self.sequence}.txt"

@@ -54,11 +54,13 @@ class Calibration:
     ego_T_camera: rectified left camera -> ego (Velodyne).
     ego_T_imu: GPS/IMU unit -> ego.
     field_of_view_rad: (right, left) azimuth in the ego frame between which the colour camera sees.
+    projection: (3, 4) rectified left camera -> pixels of the left colour camera, P2.
     """
 
     ego_T_camera: Pose
     ego_T_imu: Pose
     field_of_view_rad: tuple[float, float]
+    projection: F64
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -74,7 +76,9 @@ def read_calibration(path: Path) -> Calibration:
     velodyne = np.vstack([matrices["Tr_velo_cam"].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
     camera_T_ego = rigid_pose(rectified @ velodyne, path, "R_rect x Tr_velo_cam")
     ego_T_imu = rigid_pose(matrices["Tr_imu_velo"].reshape(3, 4), path, "Tr_imu_velo")
-    return Calibration(camera_T_ego.inverse(), ego_T_imu, _field_of_view(path, matrices["P2"]))
+    field_of_view_rad = _field_of_view(path, matrices["P2"])
+    projection = matrices["P2"].reshape(3, 4)
+    return Calibration(camera_T_ego.inverse(), ego_T_imu, field_of_view_rad, projection)
 
 
 def _field_of_view(path: Path, projection: F64) -> tuple[float, float]:

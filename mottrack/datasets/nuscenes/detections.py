@@ -23,7 +23,8 @@ from mottrack.core.arrays import F64
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import read_arrays, write_arrays
-from mottrack.datasets.nuscenes.config import DETECTION_NAMES
+from mottrack.datasets.detection_files import SCENE, is_general
+from mottrack.datasets.nuscenes.dialect import NUSCENES, Dialect
 from mottrack.datasets.scene_boxes import DetectionTable
 from mottrack.formats.cache import cache_key, is_large
 from mottrack.formats.checks import (
@@ -35,7 +36,6 @@ from mottrack.formats.checks import (
 from mottrack.formats.columns import Columns, ColumnSpec
 from mottrack.formats.faults import MissingError, TruncatedError
 from mottrack.formats.files import present
-from mottrack.formats.nuscenes_classes import CLASSES
 from mottrack.formats.nuscenes_tables import ROTATION, TRANSLATION, json_arrays
 from mottrack.formats.rigid import quaternion_yaws
 from mottrack.formats.table_stream import Row, opened
@@ -44,14 +44,12 @@ MAX_SPEED_MPS = 200.0
 """A faster object does not exist: its velocity is left out."""
 QUATERNION_TOLERANCE = 1e-2
 """Detectors compute in float32 and round; the official evaluation normalises what they write."""
-# fields of the official detection format that are read
+# fields of the official formats that are read, beside name and score
 _FIELDS = (
     ColumnSpec("sample_token", str),
     TRANSLATION,
     ColumnSpec("size", width=3),
     ROTATION,
-    ColumnSpec("detection_name", str),
-    ColumnSpec("detection_score"),
 )
 _RESULTS = re.compile(rb'"results"\s*:\s*\{')
 _LIST = rb'"([^"\\]+)"\s*:\s*\[\s*(?=[{\]])'
@@ -63,16 +61,41 @@ _END_BYTES = 256
 """The closing braces are among the last bytes, white space between and after them included."""
 
 
+_START_BYTES = 4096
+"""Of a file, by which an export is told: a list of frames is OpenPCDet's, and MMDetection3D names
+the first of its lists in the first line; the official format begins with meta or results."""
+
+
 class DetectionFile:
     """The boxes of each sample of a detection file."""
 
-    def __init__(self, path: Path, cache_dir: Path | None = None) -> None:
-        self._path, self._cache_dir = path, cache_dir
+    NAME, SCORE = "detection_name", "detection_score"
+
+    def __init__(
+        self, path: Path, cache_dir: Path | None = None, dialect: Dialect = NUSCENES
+    ) -> None:
+        self._path, self._cache_dir, self._dialect = path, cache_dir, dialect
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """What `NAME` may be."""
+        return self._dialect.detection_names
 
     @property
     def path(self) -> Path:
         """The file itself."""
         return self._path
+
+    @cached_property
+    def official(self) -> bool:
+        """Whether it is meant to be in the official format, not a table or a detector's export."""
+        if self._path.is_dir() or SCENE in str(self._path):
+            return False
+        if self._path.suffix != ".json" or not self._path.is_file():
+            return not is_general(self._path) or self._path.suffix == ".json"
+        with opened(self._path) as file:
+            start = file.read(_START_BYTES).lstrip()
+        return not start.startswith(b"[") and b'_3d"' not in start
 
     @cached_property
     def _spans(self) -> dict[str, tuple[int, int]]:
@@ -89,24 +112,32 @@ class DetectionFile:
         Raises:
             DataError: the file is damaged, or lacks some of the samples.
         """
-        present = [token in self for token in sample_tokens]
-        if not any(present):
+        if not self.holds(sample_tokens):
             return None
-        if not all(present):
+        parts = [self._boxes(i, token) for i, token in enumerate(sample_tokens)]
+        return DetectionTable.stacked(parts)
+
+    def holds(self, sample_tokens: list[str]) -> bool:
+        """Return whether the file has the samples of a scene.
+
+        Raises:
+            DataError: it has some of them, not all.
+        """
+        present = [token in self for token in sample_tokens]
+        if any(present) and not all(present):
             token = sample_tokens[present.index(False)]
             expected = "every sample of the scene, with [] where nothing was found"
             raise MissingError(self._path, f"results[{token}]", "missing", expected)
-        parts = [self._boxes(i, token) for i, token in enumerate(sample_tokens)]
-        return DetectionTable.stacked(parts)
+        return all(present)
 
     def _boxes(self, frame: int, token: str) -> DetectionTable:
         rows = self._rows(token)
         found = self._columns(token, rows)
-        tracked = np.isin(found["detection_name"], _encoded(CLASSES))
+        tracked = np.isin(found[self.NAME], _encoded(self._dialect.classes))
         table = DetectionTable(
             frame=np.full(len(rows), frame),
-            label=found["detection_name"].astype(np.str_),
-            score=found["detection_score"],
+            label=found[self.NAME].astype(np.str_),
+            score=found[self.SCORE],
             centre_m=found["translation"],
             size_m=found["size"][:, [1, 0, 2]],
             yaw_rad=wrap_angle(quaternion_yaws(found["rotation"])),
@@ -131,15 +162,16 @@ class DetectionFile:
         def place(name: str, index: int) -> str:
             return f"results[{token}][{index}].{name}"
 
-        arrays = json_arrays(self._path, rows, _FIELDS, place)
+        fields = (*_FIELDS, ColumnSpec(self.NAME, str), ColumnSpec(self.SCORE))
+        arrays = json_arrays(self._path, rows, fields, place)
         found = Columns(self._path, arrays, np.arange(len(rows)), place)
         found.refuse("sample_token", found["sample_token"] != token.encode(), token)
         check_sizes(found, "size")
         check_world_places(found)
         check_rotations(found, tolerance=QUATERNION_TOLERANCE)
         check_upright(found)
-        known = np.isin(found["detection_name"], _encoded(DETECTION_NAMES))
-        found.refuse("detection_name", ~known, f"one of {', '.join(DETECTION_NAMES)}")
+        known = np.isin(found[self.NAME], _encoded(self.known))
+        found.refuse(self.NAME, ~known, f"one of {', '.join(self.known)}")
         return found
 
 

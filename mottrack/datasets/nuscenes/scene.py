@@ -2,63 +2,77 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 
 from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
-from mottrack.core.arrays import I64
+from mottrack.core.arrays import F64, I64
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
-from mottrack.datasets.nuscenes.config import NuScenesConfig
+from mottrack.datasets.detection_files import general_detections, relabelled
+from mottrack.datasets.nuscenes.config import RatedConfig
 from mottrack.datasets.nuscenes.detections import DetectionFile
+from mottrack.datasets.nuscenes.dialect import Dialect
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     centred_velocities,
     objects_of,
     truth_of,
 )
+from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import checked_index
 from mottrack.datasets.vehicle import without_own_body
-from mottrack.formats.checks import check_interval, check_points, check_rings, read_float_rows
 from mottrack.formats.files import inside
-from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, CLASSES
 from mottrack.formats.nuscenes_records import SceneRecord
 from mottrack.formats.nuscenes_tables import text_of
 from mottrack.formats.rigid import quaternion_pose, quaternion_yaws
 
-INTENSITY_MAX = 255.0
-"""Intensities are stored as the sensor's eight bits."""
-RATE_HZ = 20
-"""Revolutions of LIDAR_TOP per second."""
+MAX_APART_US = 50_000
+"""Half the period of a LiDAR of 10 Hz: a sweep farther from the main one's is of another
+revolution."""
+
+
+class Source(NamedTuple):
+    """Where a scene comes from: the folder that file names start at, settings, dialect."""
+
+    root: Path
+    config: RatedConfig
+    dialect: Dialect
 
 
 class NuScenesScene:
-    """Key frames at 2 Hz and, at a rate of 10 or 20 Hz, the LIDAR_TOP sweeps between them.
+    """Key frames at 2 Hz and, at a rate of 10 or 20 Hz, the LiDAR's sweeps between them.
 
-    The world is nuScenes' global frame. A key frame's token is its sample token; other frames
+    The world is the tables' global frame. A key frame's token is its sample token; other frames
     have none, no detections, and truth only where it is to be interpolated.
     """
-
-    classes = CLASSES
 
     def __init__(
         self,
         name: str,
         record: SceneRecord,
-        config: NuScenesConfig,
+        source: Source,
         detections: DetectionFile | None,
     ) -> None:
-        self._name, self._record, self._config = name, record, config
-        self._detection_file = detections
-        self._sweeps = chosen_sweeps(record.sweep_sample, config.rate_hz)
+        self._name, self._record, self._detection_file = name, record, detections
+        self._root, self._config, self._dialect = source
+        sensor_hz = self._dialect.sensor_hz
+        self._sweeps = chosen_sweeps(record.sweep_sample, self._config.rate_hz, sensor_hz)
         self._key_stamp_ns = record.sweep_stamp_us[record.sweep_sample >= 0] * 1000
 
     @property
     def name(self) -> str:
-        """`scene-` and a number."""
+        """`scene-` and a number, or, of T4, the data set's own name."""
         return self._name
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """The labels that are scored."""
+        return self._dialect.classes
 
     @cached_property
     def has_sweeps(self) -> bool:
@@ -67,7 +81,7 @@ class NuScenesScene:
         Raises:
             DataError: a file's name leads out of the root.
         """
-        root = self._config.root
+        root = self._root
         files = text_of(self._record.sweep_file[self._sweeps])
         return all(inside(root, file, follow_links=True).is_file() for file in files)
 
@@ -90,39 +104,63 @@ class NuScenesScene:
         )
 
     def sweep(self, index: int) -> Sweep:
-        """Return the LIDAR_TOP sweep at `index`, in the ego frame.
+        """Return the sweep at `index`, in the ego frame.
 
-        The file is `.pcd.bin`: float32 x, y, z, intensity, ring in the sensor's own frame,
-        motion-compensated to its time stamp. Returns of the vehicle itself are left out.
+        The points are in the sensor's own frame, motion-compensated to its time stamp. Sweeps of
+        further LiDARs, each at its own time and ego pose, are joined in the ego frame of the main
+        one. Returns of the vehicle itself are left out.
 
         Raises:
             DataError: missing, empty or cut file, a value that is not finite or out of range, or
                 the file's name leads out of the root.
         """
         sweep = self._sweep_row(index)
-        name = self._record.sweep_file[sweep].decode()
-        path = inside(self._config.root, name, follow_links=self._config.follow_links)
-        values = read_float_rows(path, 5)
-        check_points(path, values[:, :3])
-        intensity, ring = values[:, 3], values[:, 4]
-        check_interval(path, "intensity", intensity, INTENSITY_MAX)
-        rings = check_rings(path, ring)
-        mount = self._record.ego_T_lidar[sweep]
-        ego_T_lidar = quaternion_pose(mount[:4], mount[4:], path, "mounting")
+        path = self._path(self._record.sweep_file[sweep])
+        mounting = _pose_of(self._record.ego_T_lidar[sweep], path, "mounting")
+        stamp_ns, world_T_ego = self._stamp_ns(sweep), self._pose(sweep)
+        main = self._dialect.read_points(path)
+        parts = [(main, mounting.apply(main.xyz_m))]
+        for row in self._parts_at(int(self._record.sweep_stamp_us[sweep])):
+            part = self._dialect.read_points(self._path(self._record.part_file[row]))
+            ego_T_part = world_T_ego.inverse() @ self._world_T_part(row)
+            parts.append((part, ego_T_part.apply(part.xyz_m)))
+        times = [part.stamp_us for part, _ in parts if part.stamp_us is not None]
+        timed = len(times) == len(parts)
         read = Sweep(
-            xyz_m=ego_T_lidar.apply(values[:, :3]).astype(np.float32),
-            reflectance=intensity / np.float32(INTENSITY_MAX),
-            stamp_ns=self._stamp_ns(sweep),
-            world_T_ego=self._pose(sweep),
-            origin_m=ego_T_lidar.translation_m,
-            ring=rings,
+            xyz_m=np.concatenate([xyz_m for _, xyz_m in parts]).astype(np.float32),
+            reflectance=np.concatenate([part.reflectance for part, _ in parts]),
+            stamp_ns=stamp_ns,
+            world_T_ego=world_T_ego,
+            origin_m=mounting.translation_m,
+            time_offset_ns=np.concatenate(times) * 1000 - stamp_ns if timed else None,
+            # several sensors number their beams alike
+            ring=main.ring if len(parts) == 1 else None,
         )
         return without_own_body(read, self._config.vehicle)
+
+    def _parts_at(self, stamp_us: int) -> list[int]:
+        """Return the row of each further LiDAR's sweep next to a time, if it has one near."""
+        record = self._record
+        rows = []
+        for channel in np.unique(record.part_channel):
+            own = np.flatnonzero(record.part_channel == channel)
+            apart = np.abs(record.part_stamp_us[own] - stamp_us)
+            if apart.min() <= MAX_APART_US:
+                rows.append(int(own[apart.argmin()]))
+        return rows
+
+    def _world_T_part(self, row: int) -> Pose:
+        record, path = self._record, self._root
+        world_T_ego = _pose_of(record.part_world_T_ego[row], path, f"ego pose of {self._name}")
+        return world_T_ego @ _pose_of(record.part_ego_T_lidar[row], path, "mounting")
+
+    def _path(self, name: bytes) -> Path:
+        return inside(self._root, name.decode(), follow_links=self._config.follow_links)
 
     @property
     def detections_at(self) -> Path:
         """The file of detections; the root where none was named."""
-        return self._config.root if self._detection_file is None else self._detection_file.path
+        return self._root if self._detection_file is None else self._detection_file.path
 
     def _sweep_row(self, index: int) -> int:
         """Return the row of the record's sweeps that a frame is."""
@@ -133,7 +171,7 @@ class NuScenesScene:
 
     def _pose(self, sweep: int) -> Pose:
         pose = self._record.world_T_ego[sweep]
-        return quaternion_pose(pose[:4], pose[4:], self._config.root, f"ego pose of {self._name}")
+        return _pose_of(pose, self._root, f"ego pose of {self._name}")
 
     def _truth_at(self, sample: int, stamp_ns: int) -> Truth | None:
         table = self._truth
@@ -146,7 +184,7 @@ class NuScenesScene:
 
     @cached_property
     def _truth(self) -> TruthTable | None:
-        return key_frame_truth(self._record)
+        return key_frame_truth(self._record, self._dialect.class_of_category)
 
     def _detections_at(self, sample: int, stamp_ns: int) -> Objects | None:
         velocities = self._config.detector_velocity
@@ -156,28 +194,56 @@ class NuScenesScene:
     def _detections(self) -> DetectionTable | None:
         if self._detection_file is None:
             return None
+        if not self._detection_file.official:
+            return self._general_detections(self._detection_file.path)
         return self._detection_file.table(text_of(self._record.sample_token))
 
+    def _general_detections(self, path: Path) -> DetectionTable | None:
+        table = general_detections(path, self._samples(), self._config.detector)
+        return None if table is None else relabelled(table, {n: n for n in self.classes}, path)
 
-def chosen_sweeps(sweep_sample: I64, rate_hz: int) -> I64:
-    """Return which of the sweeps (20 Hz) are frames: all, every second, or the key frames.
+    def _samples(self) -> SceneFrames:
+        """Return the key frames as files of boxes know them: by token, stamp or sweep."""
+        record = self._record
+        keys = np.flatnonzero(record.sweep_sample >= 0)
+        stamps = tuple(self._stamp_ns(int(row)) for row in keys)
+        sweeps = [PurePosixPath(name).name for name in text_of(record.sweep_file[keys])]
+        stems = [name.removesuffix(".bin").removesuffix(".pcd") for name in sweeps]
+        tokens = text_of(record.sample_token[record.sweep_sample[keys]])
+        names = tuple(
+            (token, str(stamp), stem, f"{stem}.pcd")
+            for token, stamp, stem in zip(tokens, stamps, stems, strict=True)
+        )
+        ego_T_lidar = _pose_of(record.ego_T_lidar[keys[0]], self._root, "mounting")
+        poses = tuple(self._pose(int(row)) for row in keys)
+        return SceneFrames(self._name, names, stamps, poses, ego_T_lidar)
+
+
+def _pose_of(values: F64, path: Path, field: str) -> Pose:
+    """Return the pose of a quaternion and a place (7,)."""
+    return quaternion_pose(values[:4], values[4:], path, field)
+
+
+def chosen_sweeps(sweep_sample: I64, rate_hz: int, sensor_hz: int = 20) -> I64:
+    """Return which of the sweeps are frames: all, every second, or the key frames.
 
     Every second one is counted back from each key frame, so that every key frame has a sweep two
     revolutions, 0.1 s, before it. Sweeps after the last key frame are of no use and left out.
 
     Args:
         sweep_sample: (S,) the key frame that each sweep is, -1 between key frames.
-        rate_hz: 2, 10 or 20.
+        rate_hz: 2 for the key frames alone, else at most that of the sensor.
+        sensor_hz: revolutions a second.
     """
     keys = np.flatnonzero(sweep_sample >= 0)
     if rate_hz == 2:
         return keys
     every = np.arange(keys[-1] + 1, dtype=np.int64)
     to_next_key = keys[np.searchsorted(keys, every)] - every
-    return np.compress(to_next_key % (RATE_HZ // rate_hz) == 0, every)
+    return np.compress(to_next_key % (sensor_hz // rate_hz) == 0, every)
 
 
-def key_frame_truth(record: SceneRecord) -> TruthTable | None:
+def key_frame_truth(record: SceneRecord, class_of_category: Mapping[str, str]) -> TruthTable | None:
     """Return the annotations, `frame` counting key frames; None without annotations.
 
     Velocities follow nuScenes' own rule: the difference of the neighbouring annotations'
@@ -193,7 +259,7 @@ def key_frame_truth(record: SceneRecord) -> TruthTable | None:
     return TruthTable(
         frame=record.box_sample,
         id=record.box_instance,
-        label=np.array([CLASS_OF_CATEGORY.get(name, name) for name in categories], dtype=np.str_),
+        label=np.array([class_of_category.get(name, name) for name in categories], dtype=np.str_),
         centre_m=record.box_centre_m,
         size_m=record.box_size_wlh_m[:, [1, 0, 2]],
         yaw_rad=wrap_angle(quaternion_yaws(record.box_rotation)),

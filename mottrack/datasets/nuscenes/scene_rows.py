@@ -3,49 +3,33 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
 
 from mottrack.core import Frame, InputError, Objects, Pose, Scene, Sweep, Truth
-from mottrack.core.arrays import F64
-from mottrack.core.storage import write_bytes
 from mottrack.datasets.counting import counted_points
-from mottrack.datasets.nuscenes.config import DETECTION_NAMES
-from mottrack.datasets.nuscenes.scene import INTENSITY_MAX
-from mottrack.datasets.nuscenes.static_rows import attribute_of, category_of, token_of
+from mottrack.datasets.nuscenes.static_rows import attribute_of, token_of
+from mottrack.datasets.nuscenes.style import (
+    NUSCENES_STYLE,
+    FileName,
+    Part,
+    Step,
+    Style,
+    microseconds,
+)
 from mottrack.datasets.nuscenes.submission import box_geometry
 from mottrack.datasets.nuscenes.visibility import visibilities
-from mottrack.formats.nuscenes_records import CHANNEL
 from mottrack.formats.rigid import quaternion_wxyz
 from mottrack.formats.table_stream import Row
-
-PITCH_RAD, ROLL_RAD = 0.02, -0.006
-"""Tilt of the mounting, about that of nuScenes' calibrations."""
-_EGO_R_LEVEL = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-_PITCH = np.array(
-    [
-        [1.0, 0.0, 0.0],
-        [0.0, np.cos(PITCH_RAD), -np.sin(PITCH_RAD)],
-        [0.0, np.sin(PITCH_RAD), np.cos(PITCH_RAD)],
-    ]
-)
-_ROLL = np.array(
-    [
-        [np.cos(ROLL_RAD), 0.0, np.sin(ROLL_RAD)],
-        [0.0, 1.0, 0.0],
-        [-np.sin(ROLL_RAD), 0.0, np.cos(ROLL_RAD)],
-    ]
-)
-EGO_R_LIDAR = _EGO_R_LEVEL @ _PITCH @ _ROLL
-"""nuScenes' LIDAR_TOP looks along its y axis, and stands a little askew."""
 
 
 class SceneRows:
     """Collects what one scene adds to the tables; writes its sweeps on the way."""
 
-    def __init__(self, name: str, root: Path) -> None:
-        self._name, self._root = name, root
+    def __init__(self, name: str, root: Path, style: Style = NUSCENES_STYLE) -> None:
+        self._name, self._root, self._style = name, root, style
         self._samples: list[str] = []
         self._boxes: dict[int, list[Row]] = defaultdict(list)
         self._category: dict[int, str] = {}
@@ -58,7 +42,9 @@ class SceneRows:
         for index in range(len(scene)):
             frame = scene.frame(index)
             sweep = scene.sweep(index) if scene.has_sweeps else None
-            waiting.append(self._sample_data(index, frame, sweep))
+            beside = index + 1 if index + 1 < len(scene) else index - 1
+            step = Step(frame, sweep, scene.frame(beside) if beside >= 0 else None)
+            waiting += [self._sample_data(index, frame, part) for part in self._style.parts(step)]
             if frame.is_key:
                 self._add_key_frame(frame, sweep)
                 # a sweep between key frames belongs to the next one
@@ -69,43 +55,50 @@ class SceneRows:
         self._assign(waiting, self._samples[-1])
         self._finish()
 
+    @property
+    def categories(self) -> frozenset[str]:
+        """The categories of the objects so far."""
+        return frozenset(self._category.values())
+
     def _assign(self, waiting: list[Row], sample: str) -> None:
         self.tables["sample_data"].extend(row | {"sample_token": sample} for row in waiting)
 
-    def _sample_data(self, index: int, frame: Frame, sweep: Sweep | None) -> Row:
-        origin = np.zeros(3) if sweep is None else sweep.origin_m
-        folder = "samples" if frame.is_key else "sweeps"
-        stamp_us = _microseconds(frame)
-        file = f"{folder}/{CHANNEL}/{self._name}__{CHANNEL}__{stamp_us}.pcd.bin"
-        if sweep is not None:
-            write_bytes(self._root / file, _points(sweep))
-        token = token_of("sample_data", self._name, index)
-        self.tables["ego_pose"].append(
-            {"token": token, "timestamp": stamp_us, **_placed(frame.world_T_ego)}
-        )
+    def _sample_data(self, index: int, frame: Frame, part: Part) -> Row:
+        style, stamp_us = self._style, part.stamp_us
+        name = FileName(self._name, part.channel, index, stamp_us, frame.is_key)
+        file = style.file(name)
+        style.write(self._root / file, part)
+        token = token_of("sample_data", self._name, part.channel, index)
+        self._add("ego_pose", {"token": token, "timestamp": stamp_us, **_placed(part.world_T_ego)})
         return {
             "token": token,
             "ego_pose_token": token,
-            "calibrated_sensor_token": self._calibration(origin),
+            "calibrated_sensor_token": self._calibration(part),
             "timestamp": stamp_us,
-            "fileformat": "pcd",
+            "fileformat": style.fileformat,
             "is_key_frame": frame.is_key,
             "height": 0,
             "width": 0,
             "filename": file,
+            **style.further("sample_data"),
         }
 
-    def _calibration(self, origin_m: F64) -> str:
-        token = token_of("calibrated_sensor", self._name, origin_m.tolist())
+    def _calibration(self, part: Part) -> str:
+        origin_m = part.ego_T_lidar.translation_m.tolist()
+        token = token_of("calibrated_sensor", self._name, part.channel, origin_m)
         if all(row["token"] != token for row in self.tables["calibrated_sensor"]):
             row = {
                 "token": token,
-                "sensor_token": token_of("sensor", CHANNEL),
-                **_placed(Pose(EGO_R_LIDAR, origin_m)),
+                "sensor_token": token_of("sensor", part.channel),
+                **_placed(part.ego_T_lidar),
                 "camera_intrinsic": [],
             }
-            self.tables["calibrated_sensor"].append(row)
+            self._add("calibrated_sensor", row)
         return token
+
+    def _add(self, table: str, row: Row) -> None:
+        """Add a record with the fields that the dialect has beside nuScenes' own."""
+        self.tables[table].append(row | self._style.further(table))
 
     def _add_key_frame(self, frame: Frame, sweep: Sweep | None) -> None:
         token = token_of("sample", self._name, len(self._samples))
@@ -113,21 +106,24 @@ class SceneRows:
         self.tables["sample"].append(
             {
                 "token": token,
-                "timestamp": _microseconds(frame),
+                "timestamp": microseconds(frame),
                 "scene_token": token_of("scene", self._name),
             }
         )
         if frame.truth is not None:
             self._add_boxes(token, frame.truth, sweep)
         if frame.detections is not None:
-            self.detections[token] = detection_rows(token, frame.detections)
+            names = self._style.dialect.detection_names
+            self.detections[token] = detection_rows(token, frame.detections, names)
 
     def _add_boxes(self, sample: str, truth: Truth, sweep: Sweep | None) -> None:
         points = counted_points(truth, sweep)
         visibility = visibilities(truth, sweep)
         geometry = box_geometry(truth)
         for i, identity in enumerate(truth.id.tolist()):
-            category = self._category.setdefault(identity, category_of(str(truth.label[i])))
+            category = self._category.setdefault(
+                identity, self._style.category(str(truth.label[i]))
+            )
             attribute = attribute_of(category, float(np.hypot(*truth.velocity_mps[i])))
             row = {
                 "token": token_of("annotation", sample, identity),
@@ -138,23 +134,30 @@ class SceneRows:
                 **geometry[i],
                 "num_lidar_pts": int(points[i]),
                 "num_radar_pts": 0,
+                **self._style.further("sample_annotation"),
             }
             self._boxes[identity].append(row)
 
     def _finish(self) -> None:
         _chain(self.tables["sample"])
-        _chain(self.tables["sample_data"])
+        sensor_of = {m["token"]: m["sensor_token"] for m in self.tables["calibrated_sensor"]}
+        by_sensor: dict[str, list[Row]] = defaultdict(list)
+        for row in self.tables["sample_data"]:
+            by_sensor[sensor_of[row["calibrated_sensor_token"]]].append(row)
+        for rows in by_sensor.values():
+            _chain(rows)
         for identity, rows in self._boxes.items():
             _chain(rows)
             self.tables["sample_annotation"].extend(rows)
-            self.tables["instance"].append(
+            self._add(
+                "instance",
                 {
                     "token": rows[0]["instance_token"],
                     "category_token": token_of("category", self._category[identity]),
                     "nbr_annotations": len(rows),
                     "first_annotation_token": rows[0]["token"],
                     "last_annotation_token": rows[-1]["token"],
-                }
+                },
             )
         self.tables["scene"].append(
             {
@@ -169,12 +172,12 @@ class SceneRows:
         )
 
 
-def detection_rows(sample: str, found: Objects) -> list[Row]:
+def detection_rows(sample: str, found: Objects, names: Collection[str]) -> list[Row]:
     """Return the boxes of one sample in the official detection format."""
     geometry = box_geometry(found)
     rows = []
     for i, label in enumerate(found.label.tolist()):
-        if label in DETECTION_NAMES:
+        if label in names:
             rows.append(
                 {
                     "sample_token": sample,
@@ -203,20 +206,8 @@ def _chain(rows: list[Row]) -> None:
         row["prev"], row["next"] = tokens[i], tokens[i + 2]
 
 
-def _microseconds(frame: Frame) -> int:
-    return round(frame.stamp_ns / 1000)
-
-
 def _placed(pose: Pose) -> Row:
     return {
         "translation": pose.translation_m.tolist(),
         "rotation": quaternion_wxyz(pose.rotation).tolist(),
     }
-
-
-def _points(sweep: Sweep) -> bytes:
-    ego_T_lidar = Pose(EGO_R_LIDAR, sweep.origin_m)
-    xyz_m = ego_T_lidar.inverse().apply(sweep.xyz_m)
-    ring = np.zeros(len(sweep)) if sweep.ring is None else sweep.ring
-    intensity = np.round(sweep.reflectance * INTENSITY_MAX)
-    return np.column_stack([xyz_m, intensity, ring]).astype("<f4").tobytes()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import struct
 import zlib
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, RACK_CATEGORY
 from mottrack.formats.nuscenes_records import CHANNEL
@@ -81,17 +82,49 @@ def attribute_of(category: str, speed_mps: float) -> str | None:
     return moving if speed_mps > _MOVING_MPS else still
 
 
-def static_tables(scene_names: list[str]) -> dict[str, list[dict[str, Any]]]:
+class Lists(NamedTuple):
+    """What the tables of a dialect list.
+
+    categories: of objects. levels: token of a visibility to its name and its description.
+    channels: the LiDARs. further: fields by table that nuScenes does not have.
+    date: the field of a log that says when it was recorded.
+    empty: tables that readers of the dialect insist on and nobody here fills.
+    """
+
+    categories: Sequence[str]
+    levels: Mapping[str, tuple[str, str]]
+    channels: Sequence[str]
+    further: Mapping[str, dict[str, Any]]
+    date: str = "date_captured"
+    empty: tuple[str, ...] = ()
+
+
+NUSCENES_LISTS = Lists(
+    CATEGORIES,
+    {token: (level, f"visible share {level[1:]} %") for token, level in VISIBILITIES.items()},
+    (CHANNEL,),
+    {},
+)
+
+
+def static_tables(
+    scene_names: list[str], lists: Lists = NUSCENES_LISTS
+) -> dict[str, list[dict[str, Any]]]:
     """Return category, attribute, visibility, sensor, log and map."""
-    return {
-        "category": [_named("category", name) for name in CATEGORIES],
+    more = lists.further
+    empty: dict[str, list[dict[str, Any]]] = {name: [] for name in lists.empty}
+    return empty | {
+        "category": [_named("category", n) | more.get("category", {}) for n in lists.categories],
         "attribute": [_named("attribute", name) for name in ATTRIBUTES],
         "visibility": [
-            {"token": token, "level": level, "description": f"visible share {level[1:]} %"}
-            for token, level in VISIBILITIES.items()
+            {"token": token, "level": level, "description": description}
+            for token, (level, description) in lists.levels.items()
         ],
-        "sensor": [{"token": token_of("sensor", CHANNEL), "channel": CHANNEL, "modality": "lidar"}],
-        "log": [_log(name) for name in scene_names],
+        "sensor": [
+            {"token": token_of("sensor", channel), "channel": channel, "modality": "lidar"}
+            for channel in lists.channels
+        ],
+        "log": [_log(name, lists.date) for name in scene_names],
         "map": [
             {
                 "token": token_of("map"),
@@ -107,12 +140,12 @@ def _named(kind: str, name: str) -> dict[str, Any]:
     return {"token": token_of(kind, name), "name": name, "description": name}
 
 
-def _log(scene: str) -> dict[str, Any]:
+def _log(scene: str, date: str) -> dict[str, Any]:
     return {
         "token": token_of("log", scene),
         "logfile": scene,
         "vehicle": "synthetic",
-        "date_captured": DATE,
+        date: DATE,
         "location": "singapore-onenorth",
     }
 

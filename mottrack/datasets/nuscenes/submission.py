@@ -78,6 +78,7 @@ def _add_scene(samples: dict[str, list[Row]], result: SceneResult) -> None:
     if unknown:
         raise InputError(f"class of a track in {result.name}", unknown[0], ", ".join(CLASSES))
     geometry = box_geometry(tracks)
+    velocity_mps = np.nan_to_num(tracks.velocity_mps)  # the format has no word for "not known"
     for frame, token in enumerate(result.frames.token.tolist()):
         if not token or token in samples:
             raise InputError(
@@ -87,7 +88,7 @@ def _add_scene(samples: dict[str, list[Row]], result: SceneResult) -> None:
             {
                 "sample_token": token,
                 **geometry[row],
-                "velocity": tracks.velocity_mps[row].tolist(),
+                "velocity": velocity_mps[row].tolist(),
                 "tracking_id": f"{result.name}_{tracks.id[row]}",
                 "tracking_name": str(tracks.label[row]),
                 "tracking_score": float(tracks.score[row]),

@@ -28,19 +28,34 @@ class SceneWatch:
         self._classes = tuple(scene.classes)
         self._left_out = tuple(getattr(scene, "concerns", ()))
         self._frames: list[Frame] = []
+        self._lost_ns: list[int] = []
         self._near = {"annotations": [0, 0], "detections": [0, 0]}
 
     def add(self, frame: Frame, sweep: Sweep | None = None) -> None:
         """Take the next frame; with its sweep, the returns in its boxes are counted."""
         self._frames.append(frame)
-        if sweep is not None:
+        if sweep is not None and self._has_points(sweep):
             for what, boxes in (("annotations", frame.truth), ("detections", frame.detections)):
                 if boxes is not None:
                     self._count(self._near[what], boxes, frame, sweep)
 
+    def add_unseen(self, frame: Frame, sweep: Sweep | None = None) -> None:
+        """Take the next frame without counting the returns in its boxes, which takes time."""
+        self._frames.append(frame)
+        if sweep is not None:
+            self._has_points(sweep)
+
+    def _has_points(self, sweep: Sweep) -> bool:
+        if not len(sweep):
+            self._lost_ns.append(sweep.stamp_ns)
+        return len(sweep) > 0
+
     def concerns(self) -> list[Concern]:
         """Return what is unlikely in the frames so far."""
         found = list(self._left_out)
+        if self._lost_ns:
+            text = f"at frame {self._lost_ns[0]}"
+            found.append(Concern("sweeps that are missing or empty", len(self._lost_ns), text))
         if self._frames:
             found += scene_concerns(SeenScene.of_frames(self._frames, self._classes))
             found += self._without_returns()

@@ -8,22 +8,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core import Pose
-from mottrack.core.arrays import F64
-from mottrack.core.errors import DataError, InputError
+from mottrack.core.arrays import F64, I64
+from mottrack.core.errors import DataError
 from mottrack.core.sweep import SECOND_NS
+from mottrack.datasets.ros.trajectory import StampedPose, StampedPoses
+from mottrack.datasets.ros.transforms import stamp_of
 from mottrack.formats.checks import check_count
-from mottrack.formats.faults import MissingError
-from mottrack.formats.rigid import quaternion_pose
 
-POINT_TYPES = ("sensor_msgs/msg/PointCloud2",)
-ODOMETRY_TYPES = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-)
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """sensor_msgs/msg/PointField's numbers of types."""
+TIME_FIELDS = ("timestamp", "time_stamp", "t", "time", "offset_time")
+"""The names that drivers give to the time of a point: Hesai and Livox, Autoware, Ouster, Velodyne,
+Livox' own messages."""
+RING_FIELDS = ("ring", "channel")
+"""The names of the beam's number: most drivers, Autoware."""
+SINCE_1970 = {1e17: 1.0, 1e14: 1e3, 1e8: 1e9}
+"""A time above this many units is counted from 1970, in nanoseconds, microseconds or seconds; to
+the nanoseconds of the unit. Times since the cloud's stamp are a second at most: 1e9 of the least
+unit, and whoever counts in seconds is at 1e9 since 2001."""
+MAX_OFFSET_NS = SECOND_NS
+"""A revolution takes a tenth of a second; no point of it is a second away from its stamp."""
 
 
 def point_columns(message: Any, path: Path) -> dict[str, NDArray[Any]]:
@@ -62,7 +66,8 @@ def _row_bytes(message: Any, packed: int, path: Path) -> int:
 
 def _layout(message: Any, path: Path) -> np.dtype[Any]:
     order = ">" if message.is_bigendian else "<"
-    fields = [f for f in message.fields if f.datatype in _TYPES and f.count == 1]
+    # a count of 0 is what some drivers write for one
+    fields = [f for f in message.fields if f.datatype in _TYPES and f.count in (0, 1)]
     names = [f.name for f in fields]
     if len(set(names)) != len(names) or not {"x", "y", "z"} <= set(names):
         raise DataError(path, "fields", names, "x, y and z, each name once")
@@ -74,52 +79,48 @@ def _layout(message: Any, path: Path) -> np.dtype[Any]:
     return np.dtype({"names": names, "formats": kinds, "offsets": offsets, "itemsize": step})
 
 
-class Odometry:
-    """The trajectory of the vehicle, interpolated between nav_msgs/msg/Odometry messages."""
+def time_offsets_ns(columns: dict[str, NDArray[Any]], stamp_ns: int) -> I64 | None:
+    """Return when each point was measured, in ns from the stamp (N,); None where that is unknown.
 
-    def __init__(self, messages: list[Any], path: Path, max_gap_s: float) -> None:
-        self._path, self._max_gap_ns = path, max_gap_s * SECOND_NS
-        rows = sorted((_stamp_ns(message), _pose_values(message)) for message in messages)
-        self._stamp_ns = np.array([stamp for stamp, _ in rows], dtype=np.int64)
-        self._values = np.array([values for _, values in rows]).reshape(-1, 7)
-
-    def at(self, stamp_ns: int) -> Pose:
-        """Return `world_T_ego`: positions along the line, headings along the arc between two.
-
-        Raises:
-            DataError: no odometry before or after that time within the longest gap, or no pose.
-        """
-        after = int(np.searchsorted(self._stamp_ns, stamp_ns))
-        if after < len(self._stamp_ns) and self._stamp_ns[after] == stamp_ns:
-            return self._pose(self._values[after])
-        if not 0 < after < len(self._stamp_ns) or self._gap_ns(after) > self._max_gap_ns:
-            raise MissingError(self._path, "odometry", "missing", f"messages about {stamp_ns}")
-        share = (stamp_ns - self._stamp_ns[after - 1]) / self._gap_ns(after)
-        before, later = self._values[after - 1], self._values[after].copy()
-        # q and -q are the same rotation: take the one on the side of the first
-        later[:4] *= np.sign(before[:4] @ later[:4]) or 1.0
-        mixed = (1.0 - share) * before + share * later
-        # over a gap of tenths of a second the chord's direction is the arc's
-        mixed[:4] /= np.linalg.norm(mixed[:4])
-        return self._pose(mixed)
-
-    def _gap_ns(self, after: int) -> int:
-        return int(self._stamp_ns[after] - self._stamp_ns[after - 1])
-
-    def _pose(self, values: F64) -> Pose:
-        return quaternion_pose(values[:4], values[4:], self._path, "odometry pose")
+    Floating-point numbers count seconds, integers nanoseconds, from the stamp or from 1970. A field
+    that gives a point farther than a second from the stamp holds something else.
+    """
+    name = next((name for name in TIME_FIELDS if name in columns), None)
+    if name is None or not len(columns[name]):
+        return None
+    values = columns[name]
+    whole = values.dtype.kind in "iu"
+    if not whole and not np.isfinite(values).all():
+        return None
+    largest = float(values.max())
+    unit_ns = next((ns for least, ns in SINCE_1970.items() if largest > least), None)
+    if unit_ns is None:
+        offset_ns = values.astype(np.int64) if whole else np.round(values * 1e9).astype(np.int64)
+    elif whole:
+        offset_ns = values.astype(np.int64) * int(unit_ns) - stamp_ns
+    else:
+        # the difference first: a double since 1970 resolves 0.2 microseconds, a product less
+        since = values.astype(np.float64) - stamp_ns / unit_ns
+        offset_ns = np.round(since * unit_ns).astype(np.int64)
+    return offset_ns if np.abs(offset_ns).max() <= MAX_OFFSET_NS else None
 
 
-def _stamp_ns(message: Any) -> int:
-    stamp = message.header.stamp
-    if not 0 <= int(stamp.nanosec) < SECOND_NS:
-        raise InputError("nanoseconds of a stamp", int(stamp.nanosec), "less than a second")
-    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
+def odometry_poses(messages: list[Any]) -> StampedPoses:
+    """Return the poses of Odometry, PoseStamped or PoseWithCovarianceStamped messages."""
+    return StampedPoses.of([StampedPose(stamp_of(m.header), _pose_values(m)) for m in messages])
 
 
 def _pose_values(message: Any) -> list[float]:
-    """Return the quaternion w, x, y, z and the position x, y, z."""
     # a PoseStamped holds the pose itself, the others a pose with its covariance
-    pose = getattr(message.pose, "pose", message.pose)
+    return pose_values(getattr(message.pose, "pose", message.pose))
+
+
+def pose_values(pose: Any) -> list[float]:
+    """Return the quaternion w, x, y, z and the position x, y, z of a geometry_msgs/Pose."""
     q, p = pose.orientation, pose.position
     return [q.w, q.x, q.y, q.z, p.x, p.y, p.z]
+
+
+def xyz_of(columns: dict[str, NDArray[Any]]) -> F64:
+    """Return the coordinates (N, 3) of point columns."""
+    return np.column_stack([columns[axis].astype(np.float64) for axis in "xyz"])

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mottrack.core.arrays import F64, I64
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.eval.arithmetic import SPEED_EDGES_MPS
-from mottrack.eval.capabilities.tracking import Scene, Tracking, histories
+from mottrack.eval.capabilities.tracking import Scene, Side, Tracking, histories
 from mottrack.eval.clear import Association
 from mottrack.eval.flow_error import RANGE_EDGES_M
 from mottrack.eval.paired import Ratio, draw, sample
@@ -44,6 +44,14 @@ class Capability:
     of_frames: Callable[..., F64] | None = None
     """Where events are frames: how the values of the classes become one, np.sum or np.max; their
     conditions are counts, and are added."""
+    cumulative: bool = False
+    """Whether an event counts in every bin from its own on: a condition is then a limit."""
+
+    def bin_name(self, point: Point) -> str:
+        """Return the bin of a point in words."""
+        if self.cumulative:
+            return f"within {point.low:g}"
+        return f"[{point.low:g}, {point.high:g})"
 
 
 def kept_over_gaps(tracking: Tracking, found: Association) -> Events:
@@ -63,11 +71,25 @@ def kept_over_gaps(tracking: Tracking, found: Association) -> Events:
 
 def found_within(tracking: Tracking, found: Association) -> Events:
     """Return, for every object and time, whether it was output by then after its first return."""
+    return _output_within(tracking, found, np.ones(len(tracking.truth.frame), np.bool_))
+
+
+def found_after_detection(tracking: Tracking, found: Association) -> Events:
+    """Return the same after its first detection, of every object that is detected at all."""
+    if tracking.detected is None:
+        return _events([], [])
+    return _output_within(tracking, found, tracking.detected.track_row >= 0)
+
+
+def _output_within(tracking: Tracking, found: Association, there: Mask) -> Events:
+    """Count the time from the first of the true boxes (M,) that are `there`."""
     waits = []
     for rows in histories(tracking.truth):
         stamps = tracking.stamp_s[tracking.truth.frame[rows]]
         hit = found.track_row[rows] >= 0
-        waits.append(stamps[hit][0] - stamps[0] if hit.any() else np.inf)
+        if there[rows].any():
+            first_s = stamps[there[rows]][0]
+            waits.append(stamps[hit][0] - first_s if hit.any() else np.inf)
     wait = np.array(waits)[:, None] * np.ones(len(LATENCIES_S))
     limit = np.broadcast_to(np.array(LATENCIES_S), wait.shape)
     # stamps jitter: an output in the frame of the limit counts
@@ -144,13 +166,24 @@ def _points(tracking: Tracking, row: I64, _track: I64) -> F64:
 
 def false_by_crowd(tracking: Tracking, found: Association) -> Events:
     """Return the false track boxes of every frame by the number of its true boxes."""
+    there = np.bincount(tracking.truth.frame, minlength=len(tracking.stamp_s))
+    return Events(there.astype(np.float64), _unmatched(tracking, tracking.tracks, found))
+
+
+def false_by_clutter(tracking: Tracking, found: Association) -> Events:
+    """Return them by the number of false detections that the tracker received in the frame."""
+    if tracking.objects is None or tracking.detected is None:
+        return _events([], [])
+    clutter = _unmatched(tracking, tracking.objects, tracking.detected)
+    return Events(clutter, _unmatched(tracking, tracking.tracks, found))
+
+
+def _unmatched(tracking: Tracking, side: Side, found: Association) -> F64:
+    """Return how many boxes of each frame are matched with no true one, (T,)."""
     frames = len(tracking.stamp_s)
-    there = np.bincount(tracking.truth.frame, minlength=frames)
     hit = tracking.truth.frame[found.track_row >= 0]
-    said = np.bincount(tracking.tracks.frame, minlength=frames)
-    return Events(
-        there.astype(np.float64), (said - np.bincount(hit, minlength=frames)).astype(float)
-    )
+    said = np.bincount(side.frame, minlength=frames)
+    return (said - np.bincount(hit, minlength=frames)).astype(np.float64)
 
 
 def time_by_load(tracking: Tracking, _found: Association) -> Events:
@@ -170,7 +203,7 @@ def _events(conditions: Sequence[F64], values: Sequence[F64]) -> Events:
 
 _AGES_S = (0.0, 0.25, 0.75, 1.25, 1.75, 2.25, 3.25, 5.25, np.inf)
 """Between nuScenes' key frames; the first bin is the first box of a track."""
-_ERROR = "velocity error [m/s]"
+_ERROR = "mean error [m/s]"
 CAPABILITIES = {
     "identity_over_gap": Capability(
         "Identity kept over a gap", "gap [s]", "share", (0.0, 0.75, 1.25, 2.25, 3.25, 5.25, np.inf),
@@ -178,32 +211,41 @@ CAPABILITIES = {
     ),
     "latency": Capability(
         "Output after the first return", "seconds", "share of objects", (*LATENCIES_S, np.inf),
-        found_within,
+        found_within, cumulative=True,
+    ),
+    "latency_of_detected": Capability(
+        "Output after the first detection", "seconds", "share of detected objects",
+        (*LATENCIES_S, np.inf), found_after_detection, cumulative=True,
     ),
     "neighbour": Capability(
         "Identity kept to the next frame", "distance of the nearest object [m]", "share",
         (0.0, 1.0, 2.0, 3.0, 5.0, 10.0, np.inf), continued_beside,
     ),
     "velocity_by_age": Capability(
-        "Velocity", "age of the track [s]", _ERROR, _AGES_S, velocity_error_by(_age_s)
+        "Velocity error by age", "age of the track [s]", _ERROR, _AGES_S, velocity_error_by(_age_s)
     ),
     "velocity_by_range": Capability(
-        "Velocity", "range [m]", _ERROR, RANGE_EDGES_M, velocity_error_by(_range_m)
+        "Velocity error by range", "range [m]", _ERROR, RANGE_EDGES_M, velocity_error_by(_range_m)
     ),
     "velocity_by_speed": Capability(
-        "Velocity", "true speed [m/s]", _ERROR, SPEED_EDGES_MPS, velocity_error_by(_speed_mps)
+        "Velocity error by speed", "true speed [m/s]", _ERROR, SPEED_EDGES_MPS,
+        velocity_error_by(_speed_mps),
     ),
     "velocity_by_points": Capability(
-        "Velocity", "LiDAR returns", _ERROR, (0.0, 1.0, 5.0, 20.0, 100.0, np.inf),
+        "Velocity error by returns", "LiDAR returns", _ERROR, (0.0, 1.0, 5.0, 20.0, 100.0, np.inf),
         velocity_error_by(_points),
     ),
     "false_by_crowd": Capability(
-        "False boxes", "true boxes in the frame", "false boxes a frame",
+        "False boxes by crowd", "true boxes in the frame", "false boxes a frame",
         (0.0, 1.0, 5.0, 10.0, 20.0, 40.0, np.inf), false_by_crowd, np.sum,
     ),
+    "false_by_clutter": Capability(
+        "False boxes by clutter", "false detections in the frame", "false boxes a frame",
+        (0.0, 1.0, 5.0, 10.0, 20.0, 40.0, 80.0, np.inf), false_by_clutter, np.sum,
+    ),
     "time_by_load": Capability(
-        "Time", "tracks in the frame", "tracker [ms]", (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, np.inf),
-        time_by_load, np.max,
+        "Time by load", "tracks in the frame", "tracker [ms]",
+        (0.0, 10.0, 20.0, 40.0, 80.0, 160.0, np.inf), time_by_load, np.max,
     ),
 }  # fmt: skip
 

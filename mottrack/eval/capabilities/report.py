@@ -31,10 +31,6 @@ def write_outputs(folder: Path, runs: Mapping[str, Curves]) -> list[TextTable]:
     return tables
 
 
-def _plain(point: Point) -> dict[str, Any]:
-    return point._asdict() | {"interval": list(point.interval)}
-
-
 def _table(name: str, runs: Mapping[str, Curves]) -> TextTable:
     """Return a line per bin: every run's mean with its interval, and how many events it has."""
     capability = CAPABILITIES[name]
@@ -45,13 +41,9 @@ def _table(name: str, runs: Mapping[str, Curves]) -> TextTable:
     for k, place in enumerate(next(iter(shown.values()))):
         points = [curve[k] for curve in shown.values()]
         cells = [cell for p in points for cell in (_text(p), p.events)]
-        rows.append((_bin(place), *cells))
+        rows.append((capability.bin_name(place), *cells))
     title = f"{capability.title}: {capability.value}"
     return TextTable(name, title, tuple(columns), tuple(rows), "95 % intervals over scenes.")
-
-
-def _bin(point: Point) -> str:
-    return f"[{point.low:g}, {point.high:g})"
 
 
 def _text(point: Point) -> str:
@@ -90,7 +82,8 @@ def _panel(axis: Any, name: str, runs: Mapping[str, Curves]) -> None:
         axis.errorbar(place, value, yerr=reach, fmt="o-", ms=4, lw=1.4, capsize=2, label=run)
     edges = capability.edges
     axis.set_xticks(range(len(edges) - 1), [f"{e:g}" for e in edges[:-1]])
-    axis.set_xlabel(f"{capability.condition}, from")
+    suffix = "" if capability.cumulative else ", from"
+    axis.set_xlabel(f"{capability.condition}{suffix}")
     axis.set_ylabel(capability.value)
     axis.set_title(capability.title, fontsize=10)
     if capability.value.startswith("share"):

@@ -15,8 +15,17 @@ from mottrack.core.errors import DataError, InputError, unknown_name
 from mottrack.core.storage import write_text
 from mottrack.eval.kitti.boxes import KittiBoxes, read_boxes
 from mottrack.eval.kitti.concerns import Files, concerns
+from mottrack.eval.kitti.identity_scores import (
+    IdentitySums,
+    identity_intervals,
+    identity_sums,
+    total,
+)
 from mottrack.eval.kitti.levels import KittiMetrics, evaluate
 from mottrack.eval.kitti.matching import CLASSES, NEIGHBOURS, SPLITS, KittiRules, prepare
+from mottrack.eval.kitti.resampling import profile, resampled
+from mottrack.eval.paired import CONFIDENCE, draw
+from mottrack.formats.strict_json import strict
 from mottrack.formats.text_rows import read_lines
 from mottrack.formats.text_table import aligned
 
@@ -53,11 +62,24 @@ class Evaluated(NamedTuple):
     """The metrics, and what of the files is hardly meant."""
 
     metrics: KittiMetrics
+    identity: dict[str, IdentitySums]
+    """HOTA and IDF1 of all tracks, and of those that reach the score of the best MOTA."""
+    intervals: dict[str, dict[str, list[float]]]
+    """Ends of the 95 % intervals over sequences by "levels" or a key of `identity` and metric."""
     concerns: tuple[Concern, ...]
 
 
-def evaluate_folders(folders: Folders, rules: KittiRules) -> Evaluated:
+ALL_TRACKS, BEST_MOTA = "all tracks", "best MOTA"
+_IDENTITY = ("hota", "det_a", "ass_a", "loc_a", "idf1", "idp", "idr")
+
+
+def evaluate_folders(folders: Folders, rules: KittiRules, resamples: int = 0) -> Evaluated:
     """Read all sequences and evaluate one class.
+
+    Args:
+        folders: where labels and results are.
+        rules: the class and how it is matched.
+        resamples: of the sequences, for intervals; 0 for none.
 
     Raises:
         DataError: a file is missing or malformed, or no label counts.
@@ -67,9 +89,20 @@ def evaluate_folders(folders: Folders, rules: KittiRules) -> Evaluated:
     found = tuple(c for pair in pairs for c in concerns(pair, rules))
     prepared = [prepare(pair.labels, pair.results, rules) for pair in pairs]
     try:
-        return Evaluated(evaluate(prepared, rules), found)
+        metrics = evaluate(prepared, rules)
     except InputError as error:
         raise DataError(folders.labels, error.field, error.value, error.expected) from error
+    chosen = {ALL_TRACKS: -np.inf, BEST_MOTA: metrics.best.threshold}
+    parts = {k: [identity_sums(p, rules, least) for p in pairs] for k, least in chosen.items()}
+    intervals: dict[str, dict[str, list[float]]] = {}
+    if resamples:
+        weights = draw(len(pairs), resamples)
+        profiles = [profile(sequence, rules) for sequence in prepared]
+        levels = resampled(metrics, profiles, weights)
+        intervals["levels"] = {n: list(s.interval()) for n, s in levels.items()}
+        intervals |= {k: identity_intervals(sums, weights) for k, sums in parts.items()}
+    identity = {name: total(sums) for name, sums in parts.items()}
+    return Evaluated(metrics, identity, intervals, found)
 
 
 def read_folders(folders: Folders, rules: KittiRules) -> list[Files]:
@@ -115,27 +148,41 @@ def _refuse_repeated(path: Path, boxes: KittiBoxes, among: Mask) -> None:
         raise DataError(path, f"id {identity}", f"twice in frame {frame}", "each id once a frame")
 
 
-def write_outputs(folder: Path, results: list[KittiMetrics]) -> None:
-    """Write kitti.json with every level and kitti.csv with a line per class."""
-    content = [metrics.as_dict() for metrics in results]
-    write_text(folder / "kitti.json", json.dumps(content, indent=2))
+def write_outputs(folder: Path, evaluated: Evaluated) -> None:
+    """Write kitti.json with every level and kitti.csv with one line."""
+    identity = {name: sums.as_dict() for name, sums in evaluated.identity.items()}
+    content = evaluated.metrics.as_dict()
+    plain = content | {"identity": identity, "intervals": evaluated.intervals}
+    write_text(folder / "kitti.json", json.dumps(strict(plain), indent=2, allow_nan=False))
     text = io.StringIO()
     columns = ["class", "measure", "min_iou", *_PERCENT, *_COUNTS, *_SHARES, "tp", "truth"]
-    writer = csv.DictWriter(text, columns, lineterminator="\n", extrasaction="ignore")
+    writer = csv.DictWriter(
+        text, [*columns, *_IDENTITY], lineterminator="\n", extrasaction="ignore"
+    )
     writer.writeheader()
-    writer.writerows(content)
+    writer.writerow(content | identity[ALL_TRACKS])
     write_text(folder / "kitti.csv", text.getvalue())
 
 
-def format_table(results: list[KittiMetrics]) -> str:
-    """Return a line per class with the columns of the published table, shares in per cent."""
-    head = ["class", *_PERCENT, *_COUNTS, *_SHARES]
-    lines = [head]
-    for metrics in results:
-        row = metrics.as_dict()
-        shares = [f"{100 * row[name]:.2f}" for name in _PERCENT]
-        counts = [str(row[name]) for name in _COUNTS]
-        lines.append([row["class"], *shares, *counts, *(f"{100 * row[n]:.2f}" for n in _SHARES)])
-    rules = results[0].rules
+def format_table(evaluated: Evaluated) -> str:
+    """Return the columns of the published table, then HOTA and IDF1; shares in per cent."""
+    row, rules = evaluated.metrics.as_dict(), evaluated.metrics.rules
+    levels = evaluated.intervals.get("levels", {})
+    shares = [_per_cent(row[name], levels.get(name)) for name in _PERCENT]
+    counts = [str(row[name]) for name in _COUNTS]
+    cells = [row["class"], *shares, *counts, *(_per_cent(row[n]) for n in _SHARES)]
+    first = aligned([["class", *_PERCENT, *_COUNTS, *_SHARES], cells])
+    lines = [["tracks", *_IDENTITY]]
+    for name, sums in evaluated.identity.items():
+        ends, figures = evaluated.intervals.get(name, {}), sums.as_dict()
+        lines.append([name, *(_per_cent(figures[key], ends.get(key)) for key in _IDENTITY)])
     note = f"matched by {rules.measure} IoU of at least {rules.min_iou:g}; counts at the best MOTA"
-    return f"{aligned(lines)}\n{note}"
+    if levels:
+        note += f"; in brackets {CONFIDENCE:.0%} intervals over sequences"
+    return f"{first}\n\n{aligned(lines)}\n{note}"
+
+
+def _per_cent(value: float, ends: list[float] | None = None) -> str:
+    if ends is None or np.isnan(ends[0]):
+        return f"{100 * value:.2f}"
+    return f"{100 * value:.2f} [{100 * ends[0]:.2f}, {100 * ends[1]:.2f}]"

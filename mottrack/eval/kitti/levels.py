@@ -230,7 +230,7 @@ def evaluate(sequences: Listed[Sequence], rules: KittiRules) -> KittiMetrics:
     )
 
 
-def thresholds(scores: F64, boxes: int, levels: int) -> list[tuple[float, float]]:
+def thresholds(scores: F64, boxes: float, levels: int) -> list[tuple[float, float]]:
     """Return (threshold, recall) of each level that is reached, the lowest recall first.
 
     In descending order of the scores, each level takes the score whose recall is nearest to it; the

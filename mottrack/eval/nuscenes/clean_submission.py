@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import orjson
 import pyarrow as pa
-import pyarrow.compute
 import pyarrow.json
 
 from mottrack.core.arrays import F64, I64
@@ -33,6 +32,7 @@ from mottrack.eval.nuscenes.submission import (
     VECTORS,
     in_ego_frame,
 )
+from mottrack.formats.table_columns import numbers_of
 
 _BLOCK_BYTES = 2**23
 """Text that becomes columns at a time: some 30,000 boxes; small beside other memory."""
@@ -144,10 +144,11 @@ class _Reader:
         self._tokens += block.tokens + block.empty
         if min(rows) < 0 or table["num_pts"].null_count != table.num_rows:
             raise UnclearError
-        own = np.repeat(np.array(block.tokens, object), counts)
-        if not pyarrow.compute.all(
-            pyarrow.compute.equal(table["sample_token"], pa.array(own, pa.string()))
-        ).as_py():
+        # of Arrow's own comparison with a list the first step would be to import pandas
+        said = table["sample_token"].combine_chunks().dictionary_encode()
+        place = {token: k for k, token in enumerate(said.dictionary.to_pylist())}
+        own = np.repeat([place.get(token, -1) for token in block.tokens], counts)
+        if said.null_count or (numbers_of(said.indices, np.int32) != own).any():
             raise UnclearError
         self._parts.append(self._columns(table, np.repeat(rows, counts)))
 
@@ -172,7 +173,7 @@ class _Reader:
         label = np.array([self.rules.classes.index(name) for name in known], np.int8)
         return {
             "sample": sample,
-            "label": label[names.indices.to_numpy()],
+            "label": label[numbers_of(names.indices, np.int32)],
             "centre_m": vectors["translation"],
             "score": score,
             "id": table["tracking_id"].combine_chunks(),
@@ -191,7 +192,7 @@ class _Reader:
             np.concatenate([part[key] for part in self._parts]) for key in keys
         )
         ids = pa.chunked_array([part["id"] for part in self._parts]).combine_chunks()
-        number = ids.dictionary_encode().indices.to_numpy().astype(np.int64)
+        number = numbers_of(ids.dictionary_encode().indices, np.int32).astype(np.int64)
         scene = self.samples.scene_of_sample()[sample]
         track, first = _numbered(scene * (number.max() + 1) + number)
         if (label != label[first][track]).any() or _repeated(sample, track):
@@ -242,7 +243,7 @@ def _parsed(lines: bytes) -> pa.Table:
 
 def _numbers(values: Any) -> F64:
     """Return a column of numbers; none may be missing, and JSON has no infinite ones."""
-    array: F64 = values.to_numpy()
+    array = numbers_of(values.combine_chunks(), np.float64)
     if values.null_count or not np.isfinite(array).all():
         raise UnclearError
     return array
@@ -252,10 +253,10 @@ def _vectors(values: Any, length: int) -> F64:
     """Return a column of lists of numbers, (N, length)."""
     lists = values.combine_chunks()
     flat = lists.flatten()
-    offsets = np.diff(lists.offsets.to_numpy())
+    offsets = np.diff(numbers_of(lists.offsets, np.int32))
     if lists.null_count or flat.null_count or (offsets != length).any():
         raise UnclearError
-    array: F64 = flat.to_numpy().reshape(-1, length)
+    array = numbers_of(flat, np.float64).reshape(-1, length)
     if not np.isfinite(array).all():
         raise UnclearError
     return array

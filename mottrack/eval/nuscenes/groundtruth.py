@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mottrack.core.arrays import F64, I64, Mask, Texts
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import DataError, ResultError
 from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
@@ -87,7 +87,7 @@ class _Annotated(NamedTuple):
     sample: I64
     scene: I64
     instance: I64
-    category: Texts
+    category: NDArray[np.bytes_]
     place: F64
     points: I64
 
@@ -100,7 +100,7 @@ class _Annotated(NamedTuple):
             ),
             scene=np.repeat(np.arange(len(records)), counts),
             instance=np.concatenate([r.box_instance for r in records]),
-            category=np.concatenate([r.box_category for r in records]).astype(np.str_),
+            category=np.concatenate([r.box_category for r in records]),
             place=np.concatenate(
                 [np.hstack([r.box_centre_m, r.box_size_wlh_m, r.box_rotation]) for r in records]
             ),
@@ -113,14 +113,17 @@ class _Annotated(NamedTuple):
 
 def _split(boxes: _Annotated, rules: Rules) -> tuple[BoxTable, Racks]:
     """Return the true boxes of the classes of the rules, and the racks."""
-    label_of = {name: rules.classes.index(c) for name, c in CLASS_OF_CATEGORY.items()}
-    racks = boxes.select(boxes.category == RACK_CATEGORY)
-    true = boxes.select(np.isin(boxes.category, list(label_of)))
-    keys = np.column_stack([true.scene, true.instance])
+    label_of = {n.encode(): rules.classes.index(c) for n, c in CLASS_OF_CATEGORY.items()}
+    names, number = np.unique(boxes.category, return_inverse=True)
+    label = np.array([label_of.get(name, -1) for name in names.tolist()], np.int8)[number]
+    racks = boxes.select(names[number] == RACK_CATEGORY.encode())
+    counted = label >= 0
+    true = boxes.select(counted)
+    key = true.scene * (int(true.instance.max(initial=-1)) + 1) + true.instance
     table = BoxTable(
         sample=true.sample,
-        track=np.unique(keys, axis=0, return_inverse=True)[1].astype(np.int64).reshape(-1),
-        label=np.array([label_of[str(name)] for name in true.category], np.int8),
+        track=np.unique(key, return_inverse=True)[1].astype(np.int64),
+        label=label[counted],
         centre_m=np.ascontiguousarray(true.place[:, :3]),
         score=np.full(len(true.sample), -1.0),
         num_points=true.points,

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64
+from mottrack.core.checks import MAX_PLACE_M
 from mottrack.core.errors import MAX_PATH_SHOWN, DataError, MottrackError
 from mottrack.core.printed import MAX_MESSAGE, printable, shown
 from mottrack.eval.nuscenes.boxes import BoxTable, Samples
@@ -20,7 +21,6 @@ from mottrack.formats.collector import collector_paused
 from mottrack.formats.json_text import parse_json
 from mottrack.formats.nuscenes_splits import best_split, splits_of
 from mottrack.formats.nuscenes_tables import NuScenesTables
-from mottrack.formats.rigid import MAX_PLACE_M
 from mottrack.formats.table_stream import RecordFilter
 
 Box = dict[str, Any]

@@ -33,6 +33,12 @@ HEADLINE = (
     ("threeway", "mean"),
 )
 """Figures by which methods are ranked."""
+COMPARED = (
+    *HEADLINE,
+    *(("official", f"{name}/Foreground/Dynamic") for name in OFFICIAL.values()),
+    ("official", "Dynamic IoU"),
+)
+"""Figures by which runs are compared: many more are stored, and would hide these."""
 Figures = dict[tuple[str, str], F64]
 """(table, name) to the figure on each of B resamples, (B,)."""
 

@@ -8,9 +8,11 @@ included, as float16: it is rounded to a 2048th part.
 
 from __future__ import annotations
 
+import io
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +63,26 @@ class FileSet:
         except (OSError, zipfile.BadZipFile, RuntimeError) as error:
             raise DataError(self.path, "archive", str(error), "a folder or a zip file") from error
 
-    def mask(self, log: str, stamp_ns: int) -> Mask:
-        """Return which points of a sweep a submission must predict, (N,)."""
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Every `LOG/TIMESTAMP_NS.feather` in it.
+
+        Raises:
+            DataError: it is neither a folder nor a readable archive.
+        """
+        if self.path.is_dir():
+            return frozenset(f"{p.parent.name}/{p.name}" for p in self.path.glob("*/*.feather"))
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                return frozenset(archive.namelist())
+        except (OSError, zipfile.BadZipFile) as error:
+            raise DataError(self.path, "archive", str(error), "a folder or a zip file") from error
+
+    def mask(self, log: str, stamp_ns: int) -> Mask | None:
+        """Return which points of a sweep a submission must predict, (N,); None for none."""
         name = f"{log}/{stamp_ns}.feather"
+        if name not in self.names:
+            return None
         mask = read_feather_columns(self.path / name, _MASK, data=self.bytes_of(name))["mask"]
         return np.asarray(mask, np.bool_)
 
@@ -121,6 +140,24 @@ def write_prediction(folder: Path, name: str, points: FlowPoints) -> None:
     """Write the estimate of one pair as the challenge wants it."""
     flow = {axis: points.estimate_m[:, i].astype(np.float16) for i, axis in enumerate(FLOW)}
     _write(folder / name, flow | {"is_dynamic": points.dynamic_estimate})
+
+
+def pack_predictions(folder: Path, names: Sequence[str], archive: Path) -> None:
+    """Pack written estimates into one archive, as it is handed in; equal files give equal bytes.
+
+    Args:
+        folder: where `write_prediction` has written them.
+        names: `LOG/TIMESTAMP_NS.feather` of each.
+        archive: zip file.
+    """
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name in sorted(names):
+            # a fixed date, and the rights of a plain file
+            info = zipfile.ZipInfo(name)
+            info.compress_type, info.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            packed.writestr(info, (folder / name).read_bytes())
+    write_bytes(archive, buffer.getvalue())
 
 
 def write_annotation(folder: Path, name: str, points: FlowPoints) -> None:

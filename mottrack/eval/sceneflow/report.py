@@ -13,7 +13,7 @@ from mottrack.core.arrays import I64
 from mottrack.core.storage import write_text
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, Sampled, draw
 from mottrack.eval.sceneflow.categories import GROUPS
-from mottrack.eval.sceneflow.figures import HEADLINE, SceneSums, differences, key_of
+from mottrack.eval.sceneflow.figures import COMPARED, HEADLINE, SceneSums, differences, key_of
 from mottrack.eval.sceneflow.sums import SUMS
 from mottrack.formats.strict_json import strict
 from mottrack.formats.text_table import MISSING, Cell, Column, TextTable, aligned, write_tables
@@ -36,7 +36,8 @@ def write_outputs(folder: Path, methods: Methods, resamples: int = RESAMPLES) ->
     plain = {"scenes": scenes, "resamples": resamples, "methods": content}
     plain["differences"] = _differences(methods, weights)
     write_text(folder / "sceneflow.json", json.dumps(strict(plain), indent=1, allow_nan=False))
-    tables = [_headline(methods, weights), *(_rows(name, s) for name, s in methods.items())]
+    tables = [_headline(methods, weights), *_compared(methods, weights)]
+    tables += [_rows(name, s) for name, s in methods.items()]
     write_tables(tables, folder / "tables")
     return tables
 
@@ -64,13 +65,34 @@ def _differences(methods: Methods, weights: I64) -> dict[str, Any]:
     }
 
 
+def _compared(methods: Methods, weights: I64) -> list[TextTable]:
+    """Return a line per method after the first and figure: the paired difference to the first."""
+    names = list(methods)
+    if len(names) < 2:
+        return []
+    baseline, shown = methods[names[0]].sampled(weights), {key_of(*place) for place in COMPARED}
+    signed = tuple(Column(text, 4, signed=True) for text in ("difference", "low", "high"))
+    columns = (Column("method"), Column("figure"), *signed, Column("significance"))
+    rows: list[tuple[Cell, ...]] = []
+    for name in names[1:]:
+        for d in differences(baseline, methods[name].sampled(weights)):
+            if d.key in shown:
+                word = {True: "better", False: "worse", None: "not significant"}[d.better]
+                verdict = word if d.low == d.low else "no interval"
+                figure = f"{d.key.row}: {d.key.metric}"
+                rows.append((name, figure, d.difference, d.low, d.high, verdict))
+    note = f"Paired over scenes, {CONFIDENCE:.0%} intervals; sceneflow.json has every figure."
+    title = f"Scene flow, difference to {names[0]}"
+    return [TextTable("sceneflow_differences", title, columns, tuple(rows), note)]
+
+
 def _headline(methods: Methods, weights: I64) -> TextTable:
     """Return a line per method: the ranking figures with their intervals."""
     columns = (Column("method"), *(Column(f"{t}: {n}") for t, n in HEADLINE))
     rows: list[tuple[Cell, ...]] = []
     for name, sums in methods.items():
         sampled = sums.sampled(weights)
-        rows.append((name, *(_interval(sampled.get(key_of(*key))) for key in HEADLINE)))
+        rows.append((name, *(interval_text(sampled.get(key_of(*key))) for key in HEADLINE)))
     note = (
         "Errors: lower is better. EPE in m per pair of sweeps; the dynamic error is a share of the "
         f"speed. In brackets {CONFIDENCE:.0%} intervals over scenes."
@@ -78,8 +100,9 @@ def _headline(methods: Methods, weights: I64) -> TextTable:
     return TextTable("sceneflow", "Scene flow", columns, tuple(rows), note)
 
 
-def _interval(found: Sampled | None) -> str:
-    if found is None:
+def interval_text(found: Sampled | None) -> str:
+    """Return a figure with its interval, a dash where there is none."""
+    if found is None or np.isnan(found.value):
         return MISSING
     low, high = found.interval()
     return f"{found.value:.4f}" if np.isnan(low) else f"{found.value:.4f} [{low:.4f}, {high:.4f}]"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from mottrack.config import StrictModel
@@ -15,7 +13,7 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.processes import available_cores
-from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 from mottrack.flow.dogma.field import ObstaclePoints, ReadoutConfig, flow_field, is_moving
 from mottrack.flow.dogma.filter import DynamicGridFilter, FilterConfig, GridMap
 from mottrack.flow.dogma.measurement_grid import OBSTACLE, SensorConfig, measure, returns_of
@@ -25,18 +23,6 @@ from mottrack.flow.dogma.workers import Workers
 from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.sweep_pair import GroundStage, elapsed_seconds
 
-REMEDY = "call reset() between scenes, or set flow.continuity.on_jump=restart"
-
-
-class ContinuityConfig(StrictModel):
-    """What still counts as the same scene."""
-
-    longest_gap_s: float = Field(1.0, gt=0, description="longest time between two sweeps")
-    fastest_ego_mps: float = Field(80.0, gt=0, description="a faster ego vehicle has jumped")
-    on_jump: Literal["refuse", "restart"] = Field(
-        "refuse", description="whether a jump is an error or begins a new map"
-    )
-
 
 class DogmaConfig(StrictModel):
     """Settings of every stage; the defaults are for 10 Hz sweeps and 0.25 m cells."""
@@ -45,7 +31,9 @@ class DogmaConfig(StrictModel):
     sensor: SensorConfig = SensorConfig()
     filter: FilterConfig = FilterConfig()
     readout: ReadoutConfig = ReadoutConfig()
-    continuity: ContinuityConfig = ContinuityConfig()
+    longest_gap_s: float = Field(
+        1.0, gt=0, description="after a longer time without a sweep the map is begun anew"
+    )
     threads: int = Field(4, ge=1, description="threads, at most; the result is the same")
 
 
@@ -92,8 +80,7 @@ class DogmaFlow(FlowSourceBase):
         be given as overlapping pairs.
 
         Raises:
-            InputError: `current` is not later than `previous` and than every sweep before, or
-                time or the ego vehicle jumps by more than `continuity` allows.
+            InputError: `current` is not later than `previous` and than every sweep before.
         """
         elapsed_seconds(previous, current)
         if self._last is None or previous.stamp_ns > self._last.stamp_ns:
@@ -122,33 +109,19 @@ class DogmaFlow(FlowSourceBase):
         return Window.around(x_m, y_m, 2 * math.ceil(self.grid.reach_m / cell_m), cell_m)
 
     def _elapsed_s(self, sweep: Sweep) -> float:
-        """Return the seconds since the last sweep; the reference period at the start of a scene.
+        """Return the seconds since the last sweep; the reference period where the map is new.
+
+        After a gap, or where the vehicle's pose jumped, the map is begun anew.
 
         Raises:
-            InputError: time or the ego vehicle jumps and jumps are refused; nothing has changed.
+            InputError: the stamp is not later than the last sweep's; nothing has changed.
         """
         if self._last is None:
             return REFERENCE_PERIOD_S
         elapsed_s = seconds_between(self._last.stamp_ns, sweep.stamp_ns)
-        problem = self._jump(self._last, sweep, elapsed_s)
-        if problem is None:
+        if elapsed_s <= 0:
+            raise InputError("stamp_ns", sweep.stamp_ns, f"> {self._last.stamp_ns}, the last one's")
+        if elapsed_s <= self.config.longest_gap_s and not has_jumped(self._last, sweep):
             return elapsed_s
-        if self.config.continuity.on_jump == "refuse":
-            raise problem
         self.reset()
         return REFERENCE_PERIOD_S
-
-    def _jump(self, last: Sweep, sweep: Sweep, elapsed_s: float) -> InputError | None:
-        """Return why the sweep cannot continue the map, if it cannot."""
-        continuity = self.config.continuity
-        if elapsed_s <= 0:
-            return InputError("stamp_ns", sweep.stamp_ns, f"> {last.stamp_ns}, the last sweep's")
-        if elapsed_s > continuity.longest_gap_s:
-            expected = f"<= {continuity.longest_gap_s} s ({REMEDY})"
-            return InputError("time since the last sweep", f"{elapsed_s:.3f} s", expected)
-        moved_m = sweep.world_T_ego.translation_m - last.world_T_ego.translation_m
-        speed_mps = float(np.linalg.norm(moved_m)) / elapsed_s
-        if speed_mps > continuity.fastest_ego_mps:
-            expected = f"<= {continuity.fastest_ego_mps} m/s ({REMEDY})"
-            return InputError("speed of the ego vehicle", f"{speed_mps:.1f} m/s", expected)
-        return None

@@ -7,6 +7,7 @@ beside process pools and other threads, where numba's own parallel regions are n
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -20,19 +21,27 @@ SLICES_PER_THREAD = 4
 
 
 class Workers:
-    """A fixed number of threads."""
+    """A fixed number of threads, which a forked process starts for itself."""
 
     def __init__(self, threads: int) -> None:
         self._threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._pool: ThreadPoolExecutor | None = None
+        self._process = 0
 
     def run(self, kernel: Callable[..., Any], length: int, *arguments: object) -> None:
         """Call `kernel(span, *arguments)` for spans that together cover [0, length)."""
-        if self._pool is None:
+        if self._threads == 1:
             kernel((0, length), *arguments)
             return
+        pool = self._running()
         slices = self._threads * SLICES_PER_THREAD
         bounds = [length * k // slices for k in range(slices + 1)]
         spans = pairwise(bounds)
-        for done in [self._pool.submit(kernel, span, *arguments) for span in spans]:
+        for done in [pool.submit(kernel, span, *arguments) for span in spans]:
             done.result()
+
+    def _running(self) -> ThreadPoolExecutor:
+        """Return the threads of this process: a fork copies the pool, but none of its threads."""
+        if self._pool is None or self._process != os.getpid():
+            self._pool, self._process = ThreadPoolExecutor(self._threads), os.getpid()
+        return self._pool

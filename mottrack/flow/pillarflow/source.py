@@ -14,11 +14,12 @@ from mottrack.core.errors import DataError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
-from mottrack.core.sweep import Sweep
+from mottrack.core.sweep import Sweep, has_jumped
+from mottrack.flow.pillarflow.forked import require_threads
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
 from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig
-from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds
+from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds, unmeasured
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.engine import CellMotion
@@ -104,25 +105,31 @@ class PillarFlow(FlowSourceBase):
         )
 
     def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """Estimate the field at `current`; over a gap longer than `max_gap_s` no cell is valid.
+        """Estimate the field at `current`.
+
+        Over a gap longer than `max_gap_s`, or where the pose jumped, no cell is valid.
 
         Raises:
             InputError: ``current`` is not later than ``previous``.
         """
-        if elapsed_seconds(previous, current) > self.config.max_gap_s:
-            kept, _ = self.stages.features_of(current).obstacles
-            occupied = self.grid.occupancy(kept.xyz_m)
-            return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+        gap_s = elapsed_seconds(previous, current)
+        if gap_s > self.config.max_gap_s or has_jumped(previous, current):
+            return unmeasured(self.grid, self.stages.features_of(current).obstacles[0])
         pair = self.stages.before(previous, current)
         field = self.raw(pair)
         return self.stages.after(field, pair) if self.config.refined else field
 
     def raw(self, pair: SweepPair) -> FlowField:
-        """Run the network alone; nothing is valid if either sweep is empty."""
+        """Run the network alone; nothing is valid if either sweep is empty.
+
+        Raises:
+            ConfigError: the process was forked from one that had run the network.
+        """
         previous, current = pair.previous, pair.current
         occupied = self.grid.occupancy(current.xyz_m)
         if not len(previous) or not occupied.any():
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
+        require_threads()
         motion = self._engine.run(
             network_points(previous.xyz_m, pair.previous_height_m, previous.reflectance),
             network_points(current.xyz_m, pair.current_height_m, current.reflectance),

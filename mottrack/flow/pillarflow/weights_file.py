@@ -126,7 +126,7 @@ def _require_shipped(file: Path) -> None:
     sums = file.parent / SUMS
     if not sums.is_file():
         return
-    lines = (line.split() for line in sums.read_text().splitlines())
+    lines = (line.split() for line in sums.read_text(encoding="utf-8").splitlines())
     known = {name: digest for digest, name in lines}
     actual = hashlib.sha256(file.read_bytes()).hexdigest()
     expected = known.get(file.name, actual)

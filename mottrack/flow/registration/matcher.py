@@ -231,7 +231,14 @@ class Matcher:
 
 
 def _half_width(pair: SweepPair) -> float:
-    """Return the half width of a square, a whole number of metres, that holds both sweeps."""
-    sweeps_m = (sweep.xyz_m[:, :2] for sweep in (pair.previous, pair.current))
-    largest_m = max(float(np.abs(xy_m).max(initial=1.0)) for xy_m in sweeps_m)
+    """Return the half width of a square, a whole number of metres, that holds both sweeps.
+
+    What of the previous sweep lies twice as far as the current one reaches, as after a long gap,
+    is compared with nothing: it is left out, so that memory does not grow with the gap.
+    """
+    then_m, now_m = (
+        float(np.abs(sweep.xyz_m[:, :2]).max(initial=1.0))
+        for sweep in (pair.previous, pair.current)
+    )
+    largest_m = max(now_m, min(then_m, 2.0 * max(now_m, pair.reach_m)))
     return float(np.ceil(largest_m + 0.5))  # the outermost cell is inside

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mottrack.core.arrays import Floats
+from mottrack.core.arrays import F64, Floats
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import FlowSource, FrameObserver, Scene
+from mottrack.core.interfaces import FlowSource, FrameObserver, GroundMap, Scene
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.velocity_errors import VelocityErrorModel
@@ -44,6 +44,8 @@ class StressedScene:
 
     scene: Scene
     stress: Stress
+    frames: dict[int, Frame] = field(default_factory=dict)
+    """Frames of the scene that were read before: damages of one scene share them."""
 
     @property
     def name(self) -> str:
@@ -65,7 +67,7 @@ class StressedScene:
 
     def frame(self, index: int) -> Frame:
         """Return the frame at `index`, worse."""
-        frame = self.scene.frame(index)
+        frame = self._undamaged(index)
         if self.stress.amount == 0:
             return frame
         if self.stress.kind == LATE:
@@ -90,18 +92,23 @@ class StressedScene:
             return sweep
         return replace(sweep, world_T_ego=self.frame(index).world_T_ego)
 
+    def _undamaged(self, index: int) -> Frame:
+        if index not in self.frames:
+            self.frames[index] = self.scene.frame(index)
+        return self.frames[index]
+
     def _since_s(self, frame: Frame) -> float:
-        return seconds_between(self.scene.frame(0).stamp_ns, frame.stamp_ns)
+        return seconds_between(self._undamaged(0).stamp_ns, frame.stamp_ns)
 
     def _late(self, frame: Frame, index: int) -> Frame:
         """Return the frame with the detections of an earlier key frame, where they were then."""
-        keys = [i for i in range(index + 1) if self.scene.frame(i).detections is not None]
+        keys = [i for i in range(index + 1) if self._undamaged(i).detections is not None]
         if frame.detections is None:
             return frame
         behind = len(keys) - 1 - round(self.stress.amount)
         if behind < 0:
             return replace(frame, detections=frame.detections.select(np.zeros(0, np.int64)))
-        old = self.scene.frame(keys[behind]).detections
+        old = self._undamaged(keys[behind]).detections
         return replace(frame, detections=old and replace(old, stamp_ns=frame.stamp_ns))
 
     def _drifted(self, frame: Frame) -> Frame:
@@ -114,6 +121,26 @@ class StressedScene:
             detections=found and found.transformed(drift, "world"),
             truth=truth and truth.transformed(drift, "world"),
         )
+
+
+@dataclass(frozen=True)
+class StressedMapScene(StressedScene):
+    """The same of a scene whose map holds the ground."""
+
+    ground: GroundMap = field(kw_only=True)
+    """The scene."""
+
+    def ground_height(self, xy_m: F64) -> F64:
+        """Return (N,) height of the ground at (N, 2) world positions, as the scene has it."""
+        return self.ground.ground_height(xy_m)
+
+
+def stressed(clean: StressedScene, stress: Stress) -> StressedScene:
+    """Return a scene under another damage; where poses drift it has no map: places are wrong."""
+    scene = clean.scene
+    if isinstance(scene, GroundMap) and stress.kind != DRIFT:
+        return StressedMapScene(scene, stress, clean.frames, ground=scene)
+    return StressedScene(scene, stress, clean.frames)
 
 
 @dataclass

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.core.checks import as_stamp
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.sweep import SECOND_NS, seconds_between
@@ -28,6 +27,7 @@ from mottrack.trackers.fixed_lag.nodes import Measurements, NodeBatch, measureme
 from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
 from mottrack.trackers.fixed_lag.robust import RobustWeights
 from mottrack.trackers.fixed_lag.track_slots import TrackSlots
+from mottrack.trackers.step_input import checked_stamp, is_gap
 
 
 class _Predicted(NamedTuple):
@@ -82,14 +82,12 @@ class FixedLagTracker:
         track, and its track coasts; the others are not affected.
 
         Raises:
-            InputError: the stamp is not later than the last one, or the objects are not in the
-                world frame; nothing is changed then.
+            InputError: the stamp is not later than the last one, or the objects are of another
+                stamp or not in the world frame; nothing is changed then.
         """
-        if objects.frame != "world":
-            raise InputError("frame of objects", repr(objects.frame), "'world'")
-        stamp_ns = as_stamp("stamp_ns", stamp_ns)
-        if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
-            raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
+        stamp_ns = checked_stamp(self._stamp_ns, stamp_ns, objects)
+        if is_gap(self._stamp_ns, stamp_ns):
+            self._delete(self._tracks.slots())
         if self._stamp_ns is not None:
             max_age_s = self.config.track_management.max_age_s
             self._step_s = min(seconds_between(self._stamp_ns, stamp_ns), max_age_s)
@@ -298,7 +296,10 @@ class FixedLagTracker:
         extra_s = np.where(merged, self.config.merge_split.max_coast_s, 0.0)
         limit_s = self.config.track_management.max_age_s + extra_s
         unseen_ns = stamp_ns - self._tracks["seen_ns"][slots]
-        for slot in slots[unseen_ns > limit_s * SECOND_NS].tolist():
+        self._delete(slots[unseen_ns > limit_s * SECOND_NS])
+
+    def _delete(self, slots: I64) -> None:
+        for slot in slots.tolist():
             self._engine.release(slot)
             self._tracks.release(slot)
 

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask, Texts
-from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.core.velocity_errors import NO_OUTLIERS, PROBABILITIES, VelocityErrorModel
@@ -77,11 +76,7 @@ def observations_of(
     by descending score, so that results do not depend on the order of the input; the published
     tracker keeps the input's order within a class.
 
-    Raises:
-        InputError: the objects are not in the world frame.
     """
-    if objects.frame != "world":
-        raise InputError("frame of objects", repr(objects.frame), "'world'")
     rows = np.arange(len(objects))
     if config.drop_unknown:
         rows = rows[table.knows(objects.label)]

@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.core.checks import as_stamp
-from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
@@ -34,6 +32,7 @@ from mottrack.trackers.kalman.standing import (
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
+from mottrack.trackers.step_input import checked_stamp, is_gap
 
 FLIP_LIMIT = 3
 """Most votes that a heading can gather: more opposite detections in a row than this flip any box.
@@ -70,9 +69,12 @@ class KalmanTracker:
         """Advance to `stamp_ns` with this step's objects (world frame) and return the tracks.
 
         Raises:
-            InputError: the stamp is not later than the last one, or the objects are not in the
-                world frame; the tracker is then as it was.
+            InputError: the stamp is not later than the last one, or the objects are of another
+                stamp or not in the world frame; the tracker is then as it was.
         """
+        stamp_ns = checked_stamp(self._stamp_ns, stamp_ns, objects)
+        if is_gap(self._stamp_ns, stamp_ns):
+            self._keep(np.zeros(len(self._bank), np.bool_))
         elapsed_s = self._elapsed_s(stamp_ns)
         unit_s = elapsed_s if self.config.time == "frames" else 1.0
         error_model = error_model_of(objects, self.config)
@@ -101,9 +103,7 @@ class KalmanTracker:
         published = self._hulls.add_to(published, tracks, objects)
         alive = management.alive(tracks, stamp_ns)
         if not alive.all():
-            self._bank.keep(alive)
-            self._standing.keep(alive)
-            tracks.keep(alive)
+            self._keep(alive)
         return published
 
     def finish(self, steps: list[Tracks]) -> list[Tracks]:
@@ -116,12 +116,14 @@ class KalmanTracker:
         return smooth(steps, self.config)
 
     def _elapsed_s(self, stamp_ns: int) -> float:
-        stamp_ns = as_stamp("stamp_ns", stamp_ns)
         if self._stamp_ns is None:
             return self.config.frame_s if self.config.time == "frames" else 1.0
-        if stamp_ns <= self._stamp_ns:
-            raise InputError("stamp_ns", stamp_ns, f"later than the last step, {self._stamp_ns}")
         return seconds_between(self._stamp_ns, stamp_ns)
+
+    def _keep(self, alive: Mask) -> None:
+        self._bank.keep(alive)
+        self._standing.keep(alive)
+        self._tracks.keep(alive)
 
     def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
         bank = self._bank

@@ -30,10 +30,17 @@ def side(rows: Sequence[Row]) -> Side:
     )
 
 
-def drive(truth: Sequence[Row], tracks: Sequence[Row], frames: int = 12) -> Curves:
+def drive(
+    truth: Sequence[Row],
+    tracks: Sequence[Row],
+    frames: int = 12,
+    detections: Sequence[Row] | None = None,
+) -> Curves:
     """One frame each half second."""
     stamps = np.arange(frames) * 0.5
-    return curves([(Tracking(stamps, side(truth), side(tracks), np.full(frames, 2e-3)),)], 10)
+    objects = None if detections is None else side(detections)
+    spent = np.full(frames, 2e-3)
+    return curves([(Tracking(stamps, side(truth), side(tracks), spent, objects),)], 10)
 
 
 def values(found: Curves, name: str) -> dict[float, tuple[float, int]]:
@@ -55,6 +62,25 @@ def test_latency_counts_objects_that_never_come() -> None:
     assert {limit: value for limit, (value, _) in found.items()} == {
         0.0: 0.0, 0.5: 0.0, 1.0: 0.0, 1.5: 0.5, 2.0: 0.5, 3.0: 0.5, 5.0: 0.5,
     }  # fmt: skip
+
+
+def test_latency_from_the_first_detection_leaves_undetected_objects_out() -> None:
+    truth = [(f, i, 10.0 * i, 0.0) for f in range(12) for i in (1, 2)]
+    detections = [(f, f, 10.3, 0.0) for f in range(2, 12)]
+    tracks = [(f, 7, 10.0, 0.0) for f in range(3, 12)]
+    found = values(drive(truth, tracks, 12, detections), "latency_of_detected")
+    assert {limit: value for limit, (value, _) in found.items()} == {
+        0.0: 0.0, 0.5: 1.0, 1.0: 1.0, 1.5: 1.0, 2.0: 1.0, 3.0: 1.0, 5.0: 1.0,
+    }  # fmt: skip
+    assert {events for _, events in found.values()} == {1}
+
+
+def test_false_tracks_by_false_detections() -> None:
+    truth = [(f, 1, 0.0, 0.0) for f in range(2)]
+    right = [(f, 1, 0.1, 0.0) for f in range(2)]
+    clutter = [(1, k, 20.0 + 3 * k, 0.0) for k in range(2, 8)]
+    found = values(drive(truth, [*right, *clutter[:3]], 2, [*right, *clutter]), "false_by_clutter")
+    assert found == {0.0: (0.0, 1), 5.0: (3.0, 1)}
 
 
 def test_neighbours_by_their_distance() -> None:

@@ -52,9 +52,10 @@ def test_published_table_and_every_level_of_the_log(shared_data: Path, kind: str
         reference / f"pointrcnn_{kind}_val",
         SPLITS["val"],
     )
-    metrics, concerns = files.evaluate_folders(folders, KittiRules(kind=kind.lower()))
-    assert not concerns
-    cells = files.format_table([metrics]).splitlines()[1].split()
+    found = files.evaluate_folders(folders, KittiRules(kind=kind.lower()))
+    metrics = found.metrics
+    assert not found.concerns
+    cells = files.format_table(found).splitlines()[1].split()
     assert " ".join(cells[1:10]) == PUBLISHED[kind]
     official = published_levels(reference / f"official_eval_3D_iou025_{kind}.log")
     official = [(name, row[:10] + row[11:]) for name, row in official]

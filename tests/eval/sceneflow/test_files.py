@@ -9,13 +9,17 @@ import pytest
 from typer.testing import CliRunner
 
 from mottrack.cli import app
-from mottrack.core.errors import DataError, InputError
+from mottrack.core.errors import DataError, InputError, ResultError
+from mottrack.eval.sceneflow.figures import SceneSums
 from mottrack.eval.sceneflow.files import (
     FileSet,
+    pack_predictions,
     read_points,
     write_annotation,
     write_prediction,
 )
+from mottrack.eval.sceneflow.stored import empty_sums, load_sums, save_sums
+from mottrack.eval.sceneflow.sums import frame_sums
 
 from .test_figures import points_of
 
@@ -40,10 +44,11 @@ def evaluated(folder: Path, predictions: Path) -> dict:
 
 
 def test_a_zip_archive_gives_what_its_folder_gives(folder: Path) -> None:
-    packed = folder / "said.zip"
-    with zipfile.ZipFile(packed, "w") as archive:
-        for name in NAMES:
-            archive.write(folder / "said" / name, name)
+    packed, again = folder / "said.zip", folder / "again.zip"
+    pack_predictions(folder / "said", NAMES, packed)
+    pack_predictions(folder / "said", NAMES[::-1], again)
+    assert packed.read_bytes() == again.read_bytes()
+    assert zipfile.ZipFile(packed).namelist() == sorted(NAMES)
     plain, zipped = evaluated(folder, folder / "said"), evaluated(folder, packed)
     assert plain["said"] == zipped["said.zip"]
     epe = plain["said"]["official"]["EPE/Foreground/Dynamic"]
@@ -68,3 +73,21 @@ def test_what_is_wrong_with_files_is_named(folder: Path) -> None:
     done = CliRunner().invoke(app, ["eval", "sceneflow", "--out", str(folder / "out")])
     assert isinstance(done.exception, InputError)
     assert "a CONFIG, or --truth" in str(done.exception)
+
+
+def test_stored_sums_give_the_same_figures(tmp_path: Path) -> None:
+    parts = [frame_sums(points_of(0.5, seed, 40)) for seed in range(2)]
+    for number, part in enumerate(parts):
+        save_sums(tmp_path / f"{number}.npz", part)
+    read = [load_sums(tmp_path / f"{number}.npz") for number in range(2)]
+    plain, stored = SceneSums(tuple(parts)).values(), SceneSums(tuple(read)).values()
+    assert plain.keys() == stored.keys()
+    np.testing.assert_array_equal(list(plain.values()), list(stored.values()))
+    beside_nothing = SceneSums((read[0], empty_sums())).values()
+    alone = SceneSums((read[0],)).values()
+    assert beside_nothing == pytest.approx(alone, nan_ok=True)
+    data = bytearray((tmp_path / "0.npz").read_bytes())
+    data[40] ^= 1
+    (tmp_path / "0.npz").write_bytes(data)
+    with pytest.raises(ResultError, match="checksum"):
+        load_sums(tmp_path / "0.npz")

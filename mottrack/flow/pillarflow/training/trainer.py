@@ -180,7 +180,7 @@ def run(
     rank = RankInfo.join()
     if rank.is_first:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "config.json").write_text(config.model_dump_json(indent=1) + "\n")
+        (out / "config.json").write_text(config.model_dump_json(indent=1) + "\n", encoding="utf-8")
     trainer = Trainer(config, rank, out)
     trainer.fit(examples, held_out, report)
     scores = finish(trainer, held_out) if rank.is_first else None

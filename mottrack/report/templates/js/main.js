@@ -8,5 +8,5 @@ if (document.getElementById("player")) {
   theme.listeners.push(() => drawWheel(wheel));
   drawWheel(wheel);
   if (typeof DecompressionStream === "undefined") document.getElementById("player").replaceChildren("This browser does not support DecompressionStream, which the scenes need.");
-  else new Player(data.scenes);
+  else startLinks(new Player(data.scenes), data.scenes);
 }

@@ -170,6 +170,20 @@ class Player {
     this.show(error.frame);
   }
 
+  // Shows a place of a run on a scene; without a run that of the player.
+  async go(scene, run, error) {
+    this.by.scene.value = scene;
+    this.fillRuns();
+    if (run !== null && [...this.by["run-0"].options].some(({ value }) => value === run)) this.by["run-0"].value = run;
+    await this.load();
+    if (!Number.isInteger(error.frame)) return;
+    const frame = Math.max(0, Math.min(this.recording.frames - 1, error.frame));
+    const apart = (other) => Math.hypot(other.x - error.x, other.y - error.y);
+    const here = this.recording.errors.filter((other) => other.frame === frame && apart(other) < 2).sort((a, b) => apart(a) - apart(b));
+    this.errors.chosen = here[0] ?? null; // what stands there is marked, as an error chosen from the list
+    this.visit({ ...error, frame });
+  }
+
   zoom(factor) {
     this.view.zoom = Math.max(0.4, Math.min(12, this.view.zoom * factor));
     this.draw();

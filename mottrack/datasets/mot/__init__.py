@@ -1,0 +1,1 @@
+"""MOTChallenge sequences: boxes in an image, laid flat so that reports and the player show them."""

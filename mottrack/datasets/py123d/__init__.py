@@ -1,0 +1,1 @@
+"""Logs of 123D, which Waymo, nuPlan and others convert to: `pip install mottrack[py123d]`."""

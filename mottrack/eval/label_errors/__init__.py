@@ -1,0 +1,1 @@
+"""Labels that detections, flow and tracks deny together."""

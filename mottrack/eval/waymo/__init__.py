@@ -1,0 +1,1 @@
+"""Waymo Open Dataset's tracking metrics: MOTA, MOTP, misses, mismatches and false positives."""

@@ -1,0 +1,4 @@
+// Starts a page without a player.
+theme.start();
+startTips();
+startNavigation();

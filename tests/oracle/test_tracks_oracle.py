@@ -1,0 +1,64 @@
+"""Tracks that `mottrack tracks` writes, read by the official tools as they are."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from mottrack.core import Dataset, SceneResult
+from mottrack.datasets.argoverse2 import results as argoverse2
+from mottrack.datasets.argoverse2.config import Argoverse2Config
+from mottrack.datasets.argoverse2.dataset import Argoverse2
+from mottrack.datasets.nuscenes.config import NuScenesConfig
+from mottrack.datasets.nuscenes.dataset import NuScenes
+from mottrack.datasets.nuscenes.submission import write_submission
+from mottrack.datasets.scene_frames import key_frames
+from mottrack.datasets.synthetic import SyntheticConfig
+from mottrack.datasets.writers import write_synthetic
+from tests.runs.perfect import perfect
+
+WORLD = SyntheticConfig(scenes=2, seed=5, duration_s=1.2)
+
+
+def results_on(dataset: Dataset) -> list[SceneResult]:
+    """Return what a tracker stores that returns the truth, a little beside it."""
+    scenes = [dataset.scene(name) for name in dataset.scene_names]
+    return [perfect(scene.name, list(key_frames(scene)), scene.classes) for scene in scenes]
+
+
+def test_av2s_own_command_evaluates_an_argoverse_run(tmp_path: Path) -> None:
+    """Every object has one identity and lies within centimetres: MOTA 1 and HOTA near 1."""
+    from av2.evaluation.tracking.eval import evaluate
+
+    write_synthetic(tmp_path / "data", "argoverse2", WORLD)
+    dataset = Argoverse2(Argoverse2Config(root=tmp_path / "data"))
+    argoverse2.write_tracks(tmp_path / "out", results_on(dataset))
+    predictions, labels = (
+        pickle.loads((tmp_path / f"out/{name}.pkl").read_bytes())  # noqa: S301 - made above
+        for name in ("predictions", "ground_truth")
+    )
+    names = {str(name) for log in labels.values() for frame in log for name in frame["name"]}
+    result, _, mean = evaluate(predictions, labels, "HOTA", 50, None, str(tmp_path / "av2/x.json"))
+    assert "REGULAR_VEHICLE" in names
+    assert mean["REGULAR_VEHICLE"] > 0.0
+    scored = result["TrackEvalDataset"]["TRACKER"]["COMBINED_SEQ"]["REGULAR_VEHICLE"]
+    assert scored["CLEAR"]["MOTA"] == pytest.approx(1.0)
+    assert scored["CLEAR"]["IDSW"] == 0
+    assert scored["HOTA"]["HOTA"].mean() > 0.9
+
+
+def test_the_devkit_loads_a_nuscenes_run(tmp_path: Path) -> None:
+    from nuscenes.eval.common.config import config_factory
+    from nuscenes.eval.common.loaders import load_prediction
+    from nuscenes.eval.tracking.data_classes import TrackingBox
+
+    config_factory("tracking_nips_2019")  # sets the names that the devkit knows
+    write_synthetic(tmp_path / "data", "nuscenes", WORLD)
+    results = results_on(NuScenes(NuScenesConfig(root=tmp_path / "data", rate_hz=2)))
+    written = write_submission(tmp_path / "tracks.json", results)
+    boxes, meta = load_prediction(str(tmp_path / "tracks.json"), 500, TrackingBox)
+    assert len(boxes.all) == written
+    assert meta["use_lidar"]
+    assert len(boxes.sample_tokens) == sum(len(result.frames) for result in results)
