@@ -90,6 +90,8 @@ def nuscenes(  # noqa: PLR0913
 
         for text in velocity_report(request, compare, out):
             typer.echo(text)
+    else:
+        typer.echo("Velocity error of the tracks by category: add --velocity-error.")
     exit_with_warnings(warned)
 
 

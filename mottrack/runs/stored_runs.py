@@ -106,7 +106,7 @@ def _run(path: Path, title: str) -> ScoredRun:
 
 def _require_same(first: ScoredRun, other: ScoredRun, scene: str) -> None:
     """Refuse two results of a scene that are not about the same frames and the same truth."""
-    ours, theirs = first.folder.load(scene), other.folder.load(scene)
+    ours, theirs = (run.folder.load(scene, flow=False) for run in (first, other))
     reason = _difference(ours, theirs)
     if reason:
         raise ConfigError(
