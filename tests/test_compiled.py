@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+import numba
 import pytest
 
-from mottrack.compiled import temporary_cache
+from mottrack.compiled import compilation_told, temporary_cache
+
+REPOSITORY = Path(__file__).resolve().parents[1]
 
 PROGRAM = """
 from mottrack.compiled import compiled
@@ -75,3 +79,37 @@ def test_nothing_is_writable(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(tempfile, "gettempdir", none)
     assert temporary_cache() is None
+
+
+def test_no_compiled_function_assigns_an_array_to_a_slice() -> None:
+    """Numba compiles the text of the error for unequal shapes: one to two seconds each."""
+    found = []
+    for path in sorted((REPOSITORY / "mottrack").rglob("*.py")):
+        for function in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            if not any("compiled" in ast.unparse(d) for d in function.decorator_list):
+                continue
+            found += [f"{path.name}:{n.lineno}" for n in ast.walk(function) if copies_array(n)]
+    assert not found
+
+
+def copies_array(node: ast.AST) -> bool:
+    if not isinstance(node, ast.Assign) or isinstance(node.value, ast.Constant):
+        return False
+    targets = [t for one in node.targets for t in ast.walk(one) if isinstance(t, ast.Subscript)]
+    return any(isinstance(part, ast.Slice) for t in targets for part in ast.walk(t.slice))
+
+
+def test_a_compilation_is_told_once() -> None:
+    @numba.njit
+    def twice(x: float) -> float:
+        return 2.0 * x
+
+    told: list[None] = []
+    with compilation_told(lambda: told.append(None)):
+        twice(1.0)
+        first = len(told)
+        twice(2.0)
+    twice(1)  # another type, but outside the block
+    assert len(told) == first >= 1

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 
 from fields import rows
 from pieces import code, paragraphs, table
 from pydantic import BaseModel
 
 from mottrack.core.interfaces import TableEntry
-from mottrack.experiment.configs import shipped_folder
+from mottrack.experiment.configs import shipped_folder, summary
 from mottrack.experiment.plugins import PARTS
 from mottrack.experiment.settings import Settings
 from mottrack.flow.pillarflow.training.config import TrainConfig
@@ -38,7 +37,7 @@ def page() -> str:
 
 def _part(group: str, name: str, entry: TableEntry) -> str:
     summary, table_ = paragraphs(entry.summary), _table(model_of(entry), f"{group}.")
-    return f"### {group}={name} {{ #{group}-{name} }}\n\n{summary}\n{table_}"
+    return f'<a id="{group}-{name}"></a>\n\n### {group}={name}\n\n{summary}\n{table_}'
 
 
 def model_of(entry: TableEntry) -> type[BaseModel]:
@@ -62,15 +61,5 @@ def _shipped() -> str:
     lines = []
     for file in (*sorted(folder.glob("*.yaml")), *of_groups):
         name = str(file.relative_to(folder).with_suffix(""))
-        lines.append((code(name.replace("/", "=")), _first_sentence(file)))
+        lines.append((code(name.replace("/", "=")), summary(file)))
     return "## Shipped files\n\n" + table(("name", ""), lines)
-
-
-def _first_sentence(file: Path) -> str:
-    """Return the comment at the head of a file, up to the first line that ends a sentence."""
-    said: list[str] = []
-    for line in file.read_text("utf-8").splitlines():
-        if not line.startswith("# ") or (said and said[-1].endswith((".", "?"))):
-            break
-        said.append(line[2:])
-    return " ".join(said)

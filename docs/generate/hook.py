@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: add the generated pages and convert formulas to MathML.
+"""Hooks of mkdocs: add the pages of the top folder and convert formulas to MathML.
 
 Browsers render MathML natively, so no page loads a script or a font from the network.
 """
@@ -7,22 +7,14 @@ from __future__ import annotations
 
 import html
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-import command_line
-import configuration
-
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGES = {
-    "reference/configuration.md": configuration.page,
-    "reference/command_line.md": command_line.page,
     "changelog.md": lambda: (REPOSITORY / "CHANGELOG.md").read_text("utf-8"),
     "contributing.md": lambda: (REPOSITORY / "CONTRIBUTING.md").read_text("utf-8"),
 }
@@ -30,7 +22,7 @@ FORMULA = re.compile(r'<(div|span) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the generated pages."""
+    """Add the pages."""
     for path, page in PAGES.items():
         files.append(File.generated(config, path, content=page()))
     return files

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 import sys
+from typing import Annotated
 
 import typer
 
 from mottrack.cli import (
+    configs,
     convert,
     data,
     eval,
@@ -21,19 +23,41 @@ from mottrack.cli import (
     train,
     tune,
     view,
+    warm,
 )
-from mottrack.cli.arguments import EXIT_USER_ERROR
+from mottrack.cli.arguments import EXIT_USER_ERROR, FullHelpGroup
 
 app = typer.Typer(
     name="mottrack",
+    cls=FullHelpGroup,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help starts in half the time
     help="Multi-object tracking on LiDAR with velocities measured by bird's-eye-view flow.",
 )
-for group in (
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from mottrack._version import __version__
+
+        typer.echo(f"mottrack {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog="Example: mottrack demo --quick")
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print the version")
+    ] = False,
+) -> None:
+    pass
+
+
+GROUPS = (
     run,
+    configs,
+    warm,
     machines,
     exchange,
     report,
@@ -46,7 +70,9 @@ for group in (
     noise,
     stress,
     tune,
-):
+)
+"""In the order of the help."""
+for group in GROUPS:
     group.register(app)
 
 

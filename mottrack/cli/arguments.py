@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 # 1 is an unexpected exception; typer ends with 2 for a wrong command line too
 EXIT_USER_ERROR = 2
 EXIT_SCENES_FAILED = 3
 
-Config = Annotated[str, typer.Argument(help="YAML file, or the name of a shipped one")]
+
+def _config_names() -> list[str]:
+    """Complete the name of a shipped configuration."""
+    from mottrack.experiment.configs import shipped_configs
+
+    return list(shipped_configs())
+
+
+Config = Annotated[
+    str,
+    typer.Argument(
+        help="YAML file, or the name of a shipped one (mottrack list configs)",
+        autocompletion=_config_names,
+    ),
+]
 Overrides = Annotated[list[str] | None, typer.Argument(help="key=value ...")]
 Sweep = Annotated[
     list[str] | None, typer.Argument(help="key=value ...; flow=zero,icp makes a sweep")
@@ -47,3 +63,38 @@ ShardOf = Annotated[
 CacheSize = Annotated[
     float, typer.Option("--cache-gb", min=0.0, help="flow fields kept between runs; 0: none")
 ]
+
+
+@dataclass(frozen=True)
+class Talk:
+    """How much a command says."""
+
+    quiet: bool = False
+    """Nothing but the last sentence, warnings of failed scenes, and errors."""
+    verbose: bool = False
+    """A line for every scene that ends."""
+    full: bool = False
+    """Every table instead of the main figures."""
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="say only what was found, and errors")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="a line for every scene that ends")]
+Full = Annotated[
+    bool, typer.Option("--full", help="every table: classes, all metrics, all differences")
+]
+
+
+class FullHelpGroup(TyperGroup):
+    """A group whose help gives the first sentence of every command, wrapped and never cut."""
+
+    # typer brings its own click or imports the installed one, by its version: Any is either
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the list of commands."""
+        found = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        rows = [(name, _first(command.help or "")) for name, command in found if command]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
+def _first(text: str) -> str:
+    return " ".join(text.split("\n\n", 1)[0].split())

@@ -5,14 +5,19 @@ from typing import Annotated, Literal
 
 import typer
 
-from mottrack.cli.arguments import Strict
+from mottrack.cli.arguments import FullHelpGroup, Strict
 from mottrack.cli.capabilities import capabilities
 from mottrack.cli.sceneflow import sceneflow
 from mottrack.cli.slices import calibration, label_errors, slices
 from mottrack.cli.tracked_page import tracked_report
 from mottrack.cli.warn import exit_with_warnings, warn_of
 
-group = typer.Typer(help="Evaluate result files by the official rules.", no_args_is_help=True)
+group = typer.Typer(
+    help="Evaluate result files by the official rules.",
+    cls=FullHelpGroup,
+    no_args_is_help=True,
+    epilog="Example: mottrack eval kitti --labels label_02 --tracks results --out out/eval",
+)
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
 Bootstrap = Annotated[

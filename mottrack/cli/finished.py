@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from mottrack.cli.arguments import EXIT_SCENES_FAILED
+from mottrack.cli.arguments import EXIT_SCENES_FAILED, Talk
+
+MAIN_FIGURES = Talk()
+"""What is printed where nothing else is asked for."""
+NARROWEST = 60
+"""Characters of a line of a table: below it the numbers of a row no longer stand side by side."""
 
 if TYPE_CHECKING:
     from mottrack.runs.comparison import Comparison
@@ -16,21 +22,23 @@ if TYPE_CHECKING:
     from mottrack.runs.shard import Shard
 
 
-def show_comparison(comparison: Comparison) -> None:
+def show_comparison(comparison: Comparison, talk: Talk = MAIN_FIGURES) -> None:
     """Write tables and report, print the main figures; exit with 3 where scenes have failed."""
     from mottrack.formats.text_table import write_tables
     from mottrack.report.page import write_report
     from mottrack.runs.comparison_tables import comparison_tables
-    from mottrack.runs.terminal import print_comparison
-    from mottrack.runs.velocity_bench import plain_words
+    from mottrack.runs.terminal import closing_text, comparison_text
 
     write_tables(comparison_tables(comparison), comparison.out / "tables")
-    print_comparison(comparison)
+    if not talk.quiet:
+        width = shutil.get_terminal_size().columns
+        for text in comparison_text(comparison, max(width, NARROWEST), full=talk.full):
+            typer.echo(text)
     if any(run.finished for run in comparison.runs):
         write_report(comparison, comparison.out / "report.html")
-        typer.echo(f"report:  {comparison.out / 'report.html'}")
-        for line in plain_words(comparison.flow_values):
-            typer.echo(line)
+    lines = list(closing_text(comparison))
+    for line in lines[-1:] if talk.quiet and not comparison.failed else lines:
+        typer.echo(line)
     if comparison.failed:
         raise typer.Exit(EXIT_SCENES_FAILED)
 

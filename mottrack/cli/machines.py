@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mottrack.cli.arguments import Baseline
+from mottrack.cli.arguments import Baseline, Full, Quiet, Talk
 
 MB = 1e6  # bytes, decimal as disks are sold
 
@@ -23,6 +23,8 @@ def merge(
     *,
     out: Annotated[Path, typer.Option("--out", help="folder for the joined results")],
     baseline: Baseline = None,
+    full: Full = False,
+    quiet: Quiet = False,
 ) -> None:
     """Join the shards of a run or comparison and score them; those of a paper are only joined.
 
@@ -43,7 +45,7 @@ def merge(
         stored_run(RunFolder(out / path), path.name, report)
         for path, report in merged.reports.items()
     ]
-    show_comparison(score_runs(tuple(runs), out, baseline))
+    show_comparison(score_runs(tuple(runs), out, baseline), Talk(quiet, full=full))
 
 
 def cache(

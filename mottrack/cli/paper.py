@@ -60,7 +60,7 @@ def paper(  # noqa: PLR0913
     from mottrack.paper.plan import Request
     from mottrack.paper.results import execute, run_studies
     from mottrack.paper.studies import studies
-    from mottrack.runs.terminal import TerminalProgress
+    from mottrack.runs.progress import TerminalProgress
 
     roots = {"kitti": kitti, "nuscenes": nuscenes, "argoverse2": argoverse2}
     given = {name: root for name, root in roots.items() if root is not None}

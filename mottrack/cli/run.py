@@ -1,4 +1,4 @@
-"""``mottrack run``, ``compare``, ``demo`` and ``list``."""
+"""``mottrack run``, ``compare`` and ``demo``."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from mottrack.cli.arguments import (
     CacheSize,
     Cluster,
     Config,
+    Full,
+    Quiet,
     Results,
     ShardOf,
     Sweep,
+    Talk,
+    Verbose,
     Workers,
 )
 from mottrack.cli.execution import Where
@@ -30,7 +34,6 @@ def register(app: typer.Typer) -> None:
     app.command("run")(run)
     app.command("compare")(compare)
     app.command("demo")(demo)
-    app.command("list")(list_parts)
 
 
 def run(  # noqa: PLR0913
@@ -43,13 +46,16 @@ def run(  # noqa: PLR0913
     results: Results = "driver",
     shard: ShardOf = None,
     cache_gb: CacheSize = 0.0,
+    full: Full = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Track every scene of an experiment and score the result; a sweep runs every combination.
 
     Example: mottrack run demo flow=icp dataset.scenes=1 --out out/first
     """
     where = Where(workers, cluster, results, shard, cache_gb)
-    _run(config, overrides or [], out, where)
+    _run(config, overrides or [], out, where, Talk(quiet, verbose, full))
 
 
 def compare(  # noqa: PLR0913
@@ -63,57 +69,52 @@ def compare(  # noqa: PLR0913
     results: Results = "driver",
     shard: ShardOf = None,
     cache_gb: CacheSize = 0.0,
+    full: Full = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Run every combination, score it and test which differences are significant.
 
     Example: mottrack compare demo flow=zero,icp tracker=kalman,fixed_lag --out out/compare
     """
     where = Where(workers, cluster, results, shard, cache_gb)
-    _run(config, overrides or [], out, where, baseline)
+    _run(config, overrides or [], out, where, Talk(quiet, verbose, full), baseline)
 
 
-def demo(
+def demo(  # noqa: PLR0913
     *,
     out: Out = Path("out/demo"),
     workers: Workers = 0,
     quick: Annotated[bool, typer.Option("--quick", help="one scene of 4 s")] = False,
+    full: Full = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Compare flow sources on the embedded world, which needs no download, and write a report.
 
     Example: mottrack demo --quick
     """
     quick_overrides = ["dataset.scenes=1", "dataset.duration_s=4"] if quick else []
-    _run("demo_clusters", quick_overrides, out, Where(workers))
+    _run("demo_clusters", quick_overrides, out, Where(workers), Talk(quiet, verbose, full))
 
 
-def list_parts(
-    what: Annotated[str, typer.Argument(help="flows, trackers, datasets or objects")],
+def _run(  # noqa: PLR0913
+    config: str,
+    overrides: list[str],
+    out: Path,
+    where: Where,
+    talk: Talk,
+    baseline: str | None = None,
 ) -> None:
-    """List the parts that a configuration can name.
-
-    Example: mottrack list flows
-    """
-    from mottrack.core.errors import unknown_name
-    from mottrack.experiment.plugins import PARTS
-
-    tables = {kind.plural: kind.table for kind in PARTS.values()}
-    if what not in tables:
-        raise unknown_name("list", what, tables)
-    width = max(map(len, tables[what]))
-    for name, entry in tables[what].items():
-        typer.echo(f"{name:{width}}  {entry.summary}")
-
-
-def _run(
-    config: str, overrides: list[str], out: Path, where: Where, baseline: str | None = None
-) -> None:
+    if not talk.quiet:  # before the libraries are loaded, which takes a second or more
+        typer.echo(f"{config}: results in {out}")
     from mottrack.experiment.experiment import load_experiments
     from mottrack.runs.comparison import comparison_jobs, run_comparison
+    from mottrack.runs.progress import TerminalProgress
     from mottrack.runs.runner import run_jobs
-    from mottrack.runs.terminal import TerminalProgress
 
     experiments, execution = load_experiments(config, overrides), where.execution()
-    with TerminalProgress() as progress:
+    with TerminalProgress(quiet=talk.quiet, each_scene=talk.verbose) as progress:
         if not execution.shard.whole:
             jobs = comparison_jobs(experiments, out)
             reports = run_jobs(jobs, execution=execution, progress=progress)
@@ -122,6 +123,6 @@ def _run(
                 experiments, out, execution=execution, progress=progress, baseline=baseline
             )
     if execution.shard.whole:
-        show_comparison(comparison)
+        show_comparison(comparison, talk)
     else:
         show_shard(execution.shard, reports, out)

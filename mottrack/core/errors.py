@@ -58,6 +58,16 @@ def _sentence(field: str, value: object, expected: str) -> str:
     return f"{shown(field)} is {shown(value)}, expected {printable(expected, MAX_MESSAGE)}"
 
 
+def require_exists(path: Path) -> None:
+    """Refuse a path of the command line at which there is nothing.
+
+    Raises:
+        ConfigError: it does not exist.
+    """
+    if not path.exists():
+        raise ConfigError(f"{shown(path, MAX_PATH_SHOWN)} does not exist")
+
+
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:
     """Build the error for a name that is in no table; it lists the valid ones and the nearest.
 

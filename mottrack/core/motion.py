@@ -20,7 +20,9 @@ from mottrack.core.checks import (
     set_stamp,
 )
 from mottrack.core.errors import InputError
+from mottrack.core.flow_colour import bold_flow_to_rgb
 from mottrack.core.grid import BevGrid
+from mottrack.core.pictures import captioned, image
 from mottrack.core.pose import rotation_2d
 from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 
@@ -32,6 +34,12 @@ WEIGHT_ROUNDING = 1e-4
 """Sums in float32 may exceed [0, 1] by this much."""
 UNIT_ROUNDING = 1e-6
 """Error of the length of a unit vector that was computed in float32."""
+FULL_COLOUR_MPS = 15.0
+"""Speed with the full colour in pictures: that of town traffic."""
+STILL_MPS = 0.3
+"""A slower cell is drawn in grey, at rest; chosen by eye."""
+RESTING = (75, 85, 99)
+"""Its colour."""
 PINV_CUTOFF = 1e-14
 """Eigenvalues of A + B below this share of the largest are zero: above the rounding of float64
 (2e-16), below 1e-12, the share of a radial variance of 1e-6 (m/s)^2 beside `UNSEEN_M2PS2`."""
@@ -78,6 +86,25 @@ class FlowField:
             span = [float(self.weight.min()), float(self.weight.max())]
             raise InputError("range of weight", span, "within [0, 1]")
         set_stamp(self)
+
+    def __repr__(self) -> str:
+        rows, columns = self.grid.shape
+        speeds = np.hypot(self.velocity_mps[..., 0], self.velocity_mps[..., 1])[self.valid]
+        fastest = f", up to {speeds.max():.1f} m/s" if len(speeds) else ""
+        return (
+            f"FlowField({rows} x {columns} cells, {np.count_nonzero(self.occupied)} occupied, "
+            f"{len(speeds)} measured{fastest})"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a picture for notebooks: the vehicle drives to the right, hue is direction."""
+        rgb = np.full((*self.grid.shape, 3), 255, np.uint8)
+        rgb[self.occupied] = RESTING
+        moving = self.valid & (np.hypot(*np.moveaxis(self.velocity_mps, -1, 0)) > STILL_MPS)
+        colours = bold_flow_to_rgb(self.velocity_mps[moving], FULL_COLOUR_MPS)
+        rgb[moving] = np.rint(255 * colours).astype(np.uint8)
+        text = f"{self!r}; hue is direction, full colour {FULL_COLOUR_MPS:.0f} m/s"
+        return captioned(text, image(rgb[::-1]))  # row 0 of the grid lies at the right edge
 
     @classmethod
     def empty(cls, grid: BevGrid, stamp_ns: int) -> FlowField:

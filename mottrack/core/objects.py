@@ -27,7 +27,9 @@ from mottrack.core.checks import (
 from mottrack.core.data_frames import Tabular, flattened
 from mottrack.core.errors import InputError
 from mottrack.core.motion import VelocityMeasurement
+from mottrack.core.pictures import INK, TRACK, Plan, captioned, footprints
 from mottrack.core.pose import Pose, rotation_2d, wrap_angle
+from mottrack.core.sweep import SECOND_NS
 
 FRAMES = ("world", "ego")
 Hulls = tuple[F64, ...]
@@ -95,6 +97,25 @@ class Boxes(Tabular):
 
     def __len__(self) -> int:
         return len(self.centre_m)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._about()})"
+
+    def _about(self) -> str:
+        kinds = np.unique(self.label, return_counts=True)
+        counts = ", ".join(f"{count} {name}" for name, count in zip(*kinds, strict=True))
+        return f"{counts or 'none'} at {self.stamp_ns / SECOND_NS:.3f} s, {self.frame} frame"
+
+    def _repr_html_(self) -> str:
+        """Return a picture seen from above, for notebooks."""
+        return captioned(repr(self), self._plan().markup())
+
+    def _plan(self) -> Plan:
+        outlines = footprints(self.centre_m, self.size_m, self.yaw_rad)
+        plan = Plan(np.concatenate(outlines) if outlines else np.zeros((0, 2)))
+        for outline in outlines:
+            plan.polygon(outline, TRACK)
+        return plan
 
     def flat(self) -> dict[str, NDArray[Any]]:
         """Return the stamp and `COLUMNS` by name, (N,) each, a column for each number."""
@@ -166,6 +187,12 @@ class Objects(Boxes):
                 raise InputError("length of velocity", len(self.velocity), str(n))
         object.__setattr__(self, "hull", _checked_hull(self.hull, n))
 
+    __repr__ = Boxes.__repr__
+
+    def _about(self) -> str:
+        measured = 0 if self.velocity is None else np.count_nonzero(self.velocity.valid)
+        return f"{Boxes._about(self)}, {measured} with a measured velocity"
+
     def with_velocity(self, velocity: VelocityMeasurement | None) -> Objects:
         """Return the same objects with these measured velocities."""
         return replace(self, velocity=velocity)
@@ -232,6 +259,23 @@ class Tracks(Boxes):
             stamp_ns=stamp_ns, frame=frame, state=state, covariance=covariance, **cls._no_rows()
         )
 
+    __repr__ = Boxes.__repr__
+
+    def _about(self) -> str:
+        speeds = np.hypot(self.velocity_mps[:, 0], self.velocity_mps[:, 1])
+        fastest = f", up to {speeds.max():.1f} m/s" if len(self) else ""
+        return f"{Boxes._about(self)}{fastest}"
+
+    def _plan(self) -> Plan:
+        """Draw the identity of each track, and its displacement of one second as a line."""
+        plan = Boxes._plan(self)
+        for centre, velocity, identity in zip(
+            self.centre_m[:, :2], self.velocity_mps, self.id, strict=True
+        ):
+            plan.line(np.stack([centre, centre + velocity]), TRACK)
+            plan.text(centre, str(identity), INK)
+        return plan
+
     def _moved(self, b_T_a: Pose) -> dict[str, Any]:
         changes = Boxes._moved(self, b_T_a)
         r = rotation_2d(b_T_a.yaw_rad)
@@ -240,7 +284,7 @@ class Tracks(Boxes):
         return changes | {"hull": _moved_hull(self.hull, self.centre_m, b_T_a)}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Truth(Boxes):
     """Annotated (or simulated) boxes at one stamp."""
 

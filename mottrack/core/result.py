@@ -13,7 +13,9 @@ from mottrack.core.arrays import F64
 from mottrack.core.checks import require_all, require_finite, set_array
 from mottrack.core.concerns import Concern
 from mottrack.core.errors import InputError, ResultError
+from mottrack.core.pictures import INK, TRACK, TRUTH, Plan, captioned
 from mottrack.core.storage import read_arrays, write_arrays
+from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
 
 FORMAT = "mottrack scene result 3"
@@ -68,6 +70,28 @@ class SceneResult:
         for name, table in (("truth", self.truth), ("tracks", self.tracks), ("flow", self.flow)):
             there = (table.frame >= 0) & (table.frame < len(self.frames))
             require_all(f"{name}.frame", table.frame, there, f"one of {len(self.frames)} frames")
+
+    def __repr__(self) -> str:
+        stamps = self.frames.stamp_ns
+        seconds = float(stamps[-1] - stamps[0]) / SECOND_NS if len(stamps) else 0.0
+        tracks, objects = (len(np.unique(table.id)) for table in (self.tracks, self.truth))
+        return (
+            f"SceneResult({self.name!r}, {len(stamps)} key frames over {seconds:.1f} s, "
+            f"{tracks} tracks, {objects} true objects)"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a picture for notebooks: the paths of tracks, true objects and the vehicle."""
+        ego = self.frames.world_T_ego[:, :2, 3]
+        plan = Plan(np.concatenate([ego, self.tracks.centre_m[:, :2], self.truth.centre_m[:, :2]]))
+        for table, colour in ((self.truth, TRUTH), (self.tracks, TRACK)):
+            order = np.lexsort((table.frame, table.id))
+            _, first = np.unique(table.id[order], return_index=True)
+            for path in np.split(table.centre_m[order, :2], first[1:]):
+                plan.line(path, colour)
+        plan.line(ego, INK)
+        text = f"{self!r}; tracks orange, truth green, the vehicle grey"
+        return captioned(text, plan.markup())
 
     @property
     def hulls(self) -> list[F64]:

@@ -216,7 +216,10 @@ class Evaluation:
             for chosen, counted in zip(self.filters, sums, strict=True)
         }
         overall = together(classes.values(), self.config)
-        return replace(overall, amota=total["amota"], amotp_m=total["amotp"]), classes
+        overall = replace(overall, amota=total["amota"], amotp_m=total["amotp"])
+        if self.config.match_by == "distance" and self.config.min_score is None:
+            overall = replace(overall, mean_mota=total["mota"], mean_motp_m=total["motp"])
+        return overall, classes
 
     def _parts(self, *, truth: bool = True) -> Iterator[SceneResult]:
         """Yield the boxes of each scene that count, without the flow; see `scored_part`."""

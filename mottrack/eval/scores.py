@@ -79,16 +79,22 @@ class ClassScores:
     """Official AMOTA; NaN where the evaluation is class-agnostic."""
     amotp_m: float = float("nan")
     """Official AMOTP, metres."""
+    mean_mota: float = float("nan")
+    """Of all classes together: the official MOTA, the mean over the classes."""
+    mean_motp_m: float = float("nan")
+    """Likewise MOTP, metres."""
     match_by: MatchBy = "distance"
 
     def as_dict(self) -> dict[str, float]:
         """Return the metrics with their unit in the name; NaN for the MOTP of the other measure."""
         counts = self.clear
-        motp = {"distance": float("nan"), "iou": float("nan"), self.match_by: counts.motp}
+        averaged = self.mean_mota == self.mean_mota
+        own = self.mean_motp_m if averaged else counts.motp
+        motp = {"distance": float("nan"), "iou": float("nan"), self.match_by: own}
         return {
             "amota": self.amota,
             "amotp_m": self.amotp_m,
-            "mota": counts.mota,
+            "mota": self.mean_mota if averaged else counts.mota,
             "motp_m": motp["distance"],
             "motp_iou_distance": motp["iou"],
             "recall": counts.recall,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mottrack.core.errors import unknown_name
+from mottrack.core.errors import ConfigError, unknown_name
 
 
 def shipped_folder() -> Path:
@@ -18,15 +18,34 @@ def find_config(name: str) -> Path:
     """Return the file at that path, or the shipped one of that name (with or without ``.yaml``).
 
     Raises:
-        ConfigError: there is neither.
+        ConfigError: there is neither, or it is a folder.
     """
     path = Path(name)
     if path.is_file():
         return path
+    if path.is_dir():
+        raise ConfigError(f"{name} is a folder, expected a YAML file of an experiment")
     shipped = shipped_folder() / f"{path.stem}.yaml"
     if shipped.is_file() and path.parent.name in ("", "configs"):
         return shipped
-    raise unknown_name("config", name, [p.stem for p in shipped_folder().glob("*.yaml")])
+    if path.parent.name not in ("", "configs"):  # nobody writes a shipped name with a folder
+        raise ConfigError(f"{name} does not exist")
+    raise unknown_name("config", name, shipped_configs())
+
+
+def shipped_configs() -> dict[str, Path]:
+    """Return the experiment files that come with the package, by name."""
+    return {path.stem: path for path in sorted(shipped_folder().glob("*.yaml"))}
+
+
+def summary(path: Path) -> str:
+    """Return the comment at the head of a file, up to the first line that ends a sentence."""
+    said: list[str] = []
+    for line in path.read_text("utf-8").splitlines():
+        if not line.startswith("# ") or (said and said[-1].endswith((".", "?"))):
+            break
+        said.append(line[2:])
+    return " ".join(said)
 
 
 def find_group(group: str, name: str, beside: Path) -> Path | None:

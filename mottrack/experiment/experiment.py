@@ -14,8 +14,8 @@ from pydantic import ValidationError
 
 from mottrack.core.errors import ConfigError, DataError
 from mottrack.experiment.configs import find_config, find_group
-from mottrack.experiment.overrides import GROUPS, Choice, expand, parse_override, set_key
-from mottrack.experiment.plugins import Part, load_part
+from mottrack.experiment.overrides import GROUPS, Choice, expand, fitting, parse_override, set_key
+from mottrack.experiment.plugins import Part, has_key, load_part
 from mottrack.experiment.settings import Settings
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.formats.yaml_file import read_yaml
@@ -35,8 +35,19 @@ class Experiment:
 
     @property
     def title(self) -> str:
-        """Name in tables."""
-        return self.variant or self.settings.name or self.flow.kind
+        """Name in tables: what varies in the sweep, else flow and tracker."""
+        return self.variant or f"{self.flow.kind}+{self.tracker.kind}"
+
+    @property
+    def name(self) -> str:
+        """Name of the experiment; of the data set where the file's own was replaced."""
+        return self.settings.name or self.data
+
+    @property
+    def data(self) -> str:
+        """Data set and the name of its folder."""
+        root = self.dataset.resolved().get("root")
+        return f"{self.dataset.kind}: {Path(str(root)).name}" if root else self.dataset.kind
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -117,13 +128,27 @@ def compose(tree: Mapping[str, Any], overrides: Sequence[str], path: Path) -> li
     names = [name for name, _ in variants]
     if len(set(names)) != len(names):
         raise ConfigError(f"{path}: two variants of the sweep have the same name: {sorted(names)}")
+
+    def knows(choices: Sequence[Choice], group: str, key: str) -> bool:
+        chosen = _plain(tree) | {key: value for key, value in choices if key in GROUPS}
+        settings = _group_settings(group, chosen.get(group, DEFAULTS[group]), path)
+        return has_key(group, str(settings.get("kind")), key)
+
+    several = any(len({str(dict(v.choices).get(g)) for v in variants}) > 1 for g in GROUPS)
+    variants = fitting(variants, knows) if several else variants
     return [_compose_one(tree, choices, name, path) for name, choices in variants]
+
+
+def _plain(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy without aliases."""
+    copied: dict[str, Any] = json.loads(json.dumps(tree, default=str))
+    return copied
 
 
 def _compose_one(
     base: Mapping[str, Any], choices: Sequence[Choice], variant: str, path: Path
 ) -> Experiment:
-    tree: dict[str, Any] = json.loads(json.dumps(base, default=str))  # a copy without aliases
+    tree = _plain(base)
     tree |= {key: value for key, value in choices if key in GROUPS}
     for group in GROUPS:
         choice = tree.get(group, DEFAULTS[group])
@@ -131,6 +156,9 @@ def _compose_one(
     for key, value in choices:
         if key not in GROUPS:
             set_key(tree, key, value)
+    if _kind(tree["dataset"]) != _kind(base.get("dataset")) and "dataset" in base:
+        keys = {key for key, _ in choices}
+        tree["name"] = tree.get("name", "") if "name" in keys else ""  # it names the file's data
     try:
         parts = {group: load_part(group, tree.pop(group)) for group in GROUPS}
         settings = Settings.model_validate(tree)
@@ -139,6 +167,10 @@ def _compose_one(
     except ValidationError as error:
         raise ConfigError(f"{path}: {format_validation_error(error, _WholeFile)}") from error
     return Experiment(**parts, settings=settings, variant=variant)
+
+
+def _kind(choice: Any) -> Any:
+    return choice.get("kind") if isinstance(choice, Mapping) else choice
 
 
 DEFAULTS = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mottrack.core.errors import ConfigError
@@ -17,6 +17,10 @@ class Choice(NamedTuple):
 
     key: str
     value: Any
+
+
+Knows = Callable[[Sequence[Choice], str, str], bool]
+"""Whether the part that the choices name in a group has a key."""
 
 
 class Variant(NamedTuple):
@@ -83,6 +87,41 @@ def expand(tree: Mapping[str, Any], overrides: Sequence[str]) -> list[Variant]:
         swept = [choice for choice in choices if len(axes[choice.key]) > 1]
         variants.append(Variant(_variant_name(swept), choices))
     return variants
+
+
+def fitting(variants: Sequence[Variant], knows: Knows) -> list[Variant]:
+    """Drop ``flow.key=...`` from those variants of a swept group whose part has no such key.
+
+    So ``flow=zero,icp flow.starts=1`` sets it for ICP alone. A key that no variant knows stays: it
+    is a mistake, which is told where the part is made.
+
+    Args:
+        variants: of a sweep.
+        knows: whether a variant's part of a group has a key: choices, group, key within it.
+    """
+    names = dict.fromkeys(c.key for v in variants for c in v.choices if _in_group(c.key))
+    strange: dict[str, set[str]] = {}
+    for key in names:
+        group, _, inner = key.partition(".")
+        lacking = {v.name for v in variants if not knows(v.choices, group, inner)}
+        if len(lacking) < len(variants):
+            strange[key] = lacking
+    found: dict[str, Variant] = {}
+    for name, choices in variants:
+        kept = [c for c in choices if name not in strange.get(c.key, ())]
+        swept = [c for c in kept if _swept(c.key, variants)]
+        fitted = Variant(_variant_name(swept), kept)
+        found.setdefault(fitted.name, fitted)
+    return list(found.values())
+
+
+def _in_group(key: str) -> bool:
+    return key.partition(".")[0] in GROUPS and "." in key
+
+
+def _swept(key: str, variants: Sequence[Variant]) -> bool:
+    values = [str(c.value) for v in variants for c in v.choices if c.key == key]
+    return len(set(values)) > 1
 
 
 def set_key(tree: dict[str, Any], key: str, value: Any) -> None:

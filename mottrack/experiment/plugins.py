@@ -15,11 +15,8 @@ from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError, unknown_name
 from mottrack.core.interfaces import Dataset, FlowSource, ObjectSource, TableEntry, Tracker
 from mottrack.core.printed import shown
-from mottrack.datasets import DATASETS
+from mottrack.experiment.tables import TABLES
 from mottrack.experiment.validation_message import format_validation_error
-from mottrack.flow import FLOWS
-from mottrack.objects import OBJECTS
-from mottrack.trackers import TRACKERS
 
 
 class PartKind(NamedTuple):
@@ -29,19 +26,22 @@ class PartKind(NamedTuple):
     """In error messages."""
     plural: str
     """In `mottrack list`."""
-    table: Mapping[str, TableEntry]
-    """The classes that are shipped."""
     protocol: type[Any]
     """Its public methods and its attributes are what a class must have."""
     shared: tuple[str, ...] = ()
     """Keywords that the pipeline passes to the constructor, beside the settings."""
 
+    @property
+    def table(self) -> Mapping[str, TableEntry]:
+        """The classes that are shipped."""
+        return TABLES[self.plural]
+
 
 PARTS = {
-    "dataset": PartKind("dataset", "datasets", DATASETS, Dataset),
-    "objects": PartKind("object source", "objects", OBJECTS, ObjectSource),
-    "flow": PartKind("flow source", "flows", FLOWS, FlowSource, ("grid",)),
-    "tracker": PartKind("tracker", "trackers", TRACKERS, Tracker),
+    "dataset": PartKind("dataset", "datasets", Dataset),
+    "objects": PartKind("object source", "objects", ObjectSource),
+    "flow": PartKind("flow source", "flows", FlowSource, ("grid",)),
+    "tracker": PartKind("tracker", "trackers", Tracker),
 }
 
 
@@ -100,6 +100,25 @@ def load_part(group: str, settings: Mapping[str, Any]) -> Part:
             raise ConfigError(message) from error
     _check_call(part, kind, cls, config)
     return Part(kind, cls, config)
+
+
+def has_key(group: str, kind: str, key: str) -> bool:
+    """Return whether the class that ``kind`` names has a setting; true where there is no class.
+
+    Args:
+        group: as for `load_part`.
+        kind: name of the part.
+        key: dotted, within the group; its first name decides.
+    """
+    try:
+        cls = _find_class(PARTS[group], kind)
+    except ConfigError:
+        return True  # told where the part is made
+    first = key.partition(".")[0]
+    if "Config" in dir(cls):
+        return first in cls.Config.model_fields
+    parameters = inspect.signature(cls).parameters
+    return first in parameters or any(p.kind is p.VAR_KEYWORD for p in parameters.values())
 
 
 def _find_class(part: PartKind, kind: str) -> type[Any]:

@@ -60,6 +60,8 @@ def existing_folder(path: Path, field: str) -> Path:
     """Return `path` if it is a folder that is not empty, else raise `DataError`."""
     if not path.is_dir():
         found = "a file" if path.exists() else "missing"
+        if not path.parent.exists():
+            found = f"missing: {path.parent} does not exist"
         raise MissingError(path, field, found, "a folder")
     if next(path.iterdir(), None) is None:
         raise MissingError(path, field, "empty folder", "a folder with data")

@@ -5,15 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mottrack.core.pictures import table as html_table
 from mottrack.core.printed import printable
 from mottrack.core.storage import write_text
 
 Cell = str | float | int | None
 MISSING = "–"
+GAP = 2
+"""Blanks between two columns of `aligned`."""
+SHORTEST_NAME = 12
+"""Characters that the first column of a table may have on the narrowest terminal."""
 LATEX = {
     "\\": r"\textbackslash{}",
     "&": r"\&",
@@ -73,6 +79,11 @@ class TextTable:
             [column.text(cell) for column, cell in zip(self.columns, row, strict=True)]
             for row in self.rows
         ]
+
+    def _repr_html_(self) -> str:
+        """Return the table for notebooks."""
+        head = [column.name for column in self.columns]
+        return html_table(self.title, head, self.texts(), self.note)
 
 
 def to_csv(table: TextTable) -> str:
@@ -141,6 +152,62 @@ def aligned(lines: Sequence[Sequence[str]]) -> str:
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])])
         for line in lines
     )
+
+
+def fitted(table: TextTable, width: int) -> str:
+    """Return a table for a terminal of ``width`` characters; nothing is cut off.
+
+    Names that are too long are wrapped; columns that do not fit follow below, under the first one.
+    """
+    lines = [[column.name for column in table.columns], *table.texts()]
+    blocks = [_ruled(_repeats_left_out(block)) for block in _blocks(lines, width)]
+    note = [textwrap.fill(table.note, width)] if table.note else []
+    return "\n".join([*textwrap.wrap(table.title, width), "\n\n".join(blocks), *note])
+
+
+def _blocks(lines: Sequence[Sequence[str]], width: int) -> list[list[list[str]]]:
+    """Split the columns into groups that fit, each after the first column."""
+    fits = len(aligned(lines).partition("\n")[0]) <= width
+    most = width if fits else max(width // 3, SHORTEST_NAME)
+    first = [_wrapped(line[0], most) for line in lines]
+    widths = [max(len(part) for name in first for part in name)]
+    widths += [max(map(len, column)) for column in list(zip(*lines, strict=True))[1:]]
+    groups: list[list[int]] = [[]]
+    for k in range(1, len(widths)):
+        wanted = widths[0] + sum(GAP + widths[i] for i in (*groups[-1], k))
+        if groups[-1] and wanted > width:
+            groups.append([])
+        groups[-1].append(k)
+    return [
+        [
+            [part, *(line[k] if row == 0 else "" for k in group)]
+            for line, name in zip(lines, first, strict=True)
+            for row, part in enumerate(name)
+        ]
+        for group in groups
+    ]
+
+
+def _wrapped(name: str, most: int) -> list[str]:
+    """Break a name after a plus, colon, underscore or blank, or anywhere if it has none of them."""
+    name, parts = printable(name), []
+    while len(name) > most:
+        cut = max(name.rfind(mark, 0, most) for mark in "+:_ ") + 1
+        parts.append(name[: cut or most])
+        name = name[cut or most :]
+    return [*parts, name]
+
+
+def _repeats_left_out(lines: list[list[str]]) -> list[list[str]]:
+    """Leave the first cell out where it is that of the line before."""
+    before = [""] + [line[0] for line in lines]
+    pairs = zip(lines, before, strict=False)
+    return [["" if line[0] == last else line[0], *line[1:]] for line, last in pairs]
+
+
+def _ruled(lines: list[list[str]]) -> str:
+    head, *rows = (line.rstrip() for line in aligned(lines).split("\n"))
+    return "\n".join([head, "-" * max(map(len, (head, *rows))), *rows])
 
 
 def _is_text(table: TextTable, k: int) -> bool:

@@ -68,7 +68,8 @@ def _hulls(xy_m: F64, start: I64) -> tuple[F64, I64]:
         if len(hull) < 3 or convex_area(hull, len(hull)) < _MIN_AREA_M2:
             hull = _padded_rectangle(points)
         first[g + 1] = first[g] + len(hull)
-        corner_m[first[g] : first[g + 1]] = hull
+        for i in range(len(hull)):
+            corner_m[first[g] + i, 0], corner_m[first[g] + i, 1] = hull[i, 0], hull[i, 1]
     return corner_m[: first[groups]].copy(), first
 
 

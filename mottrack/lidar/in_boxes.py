@@ -90,10 +90,11 @@ def _search(grid: PointGrid, boxes: F64) -> tuple[I64, I64]:
                 high = grid.start[row * grid.cols + col_high + 1]
                 if count + high - low > len(found):
                     grown = np.empty(2 * (count + high - low), np.int64)
-                    grown[:count] = found[:count]
+                    for i in range(count):
+                        grown[i] = found[i]
                     found = grown
                 count = _collect(grid, boxes[b], (low, high), found, count)
-        found[first:count] = np.sort(found[first:count])
+        found[first:count].sort()
         start[b + 1] = count
     return found[:count].copy(), start
 

@@ -167,7 +167,8 @@ def states_of(image: RangeImage, xyz_m: F32, tolerance_m: float) -> I8:
     """Return (N,) UNSEEN, FREE or OCCUPIED: the `state_at` of each point (N, 3)."""
     states = np.empty(len(xyz_m), np.int8)
     for i in range(len(xyz_m)):
-        states[i] = state_at(image, xyz_m[i, 0], xyz_m[i, 1], xyz_m[i, 2], tolerance_m)
+        x_m, y_m, z_m = np.float64(xyz_m[i, 0]), np.float64(xyz_m[i, 1]), np.float64(xyz_m[i, 2])
+        states[i] = state_at(image, x_m, y_m, z_m, tolerance_m)
     return states
 
 

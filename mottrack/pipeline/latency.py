@@ -82,12 +82,17 @@ class Bottleneck:
 
 @dataclass(frozen=True)
 class LatencyReport:
-    """Latency of the last steps against the time between two sweeps. Print it for a table."""
+    """Latency of the last steps against the time between two sweeps. Print it for a table.
+
+    The one definition of latency here: the wall time of a step in which every stage ran, reading
+    of files and the warm-up left out. Steps between key frames, and the first ones of a scene,
+    which have no earlier sweep, do a part of the work only and do not count.
+    """
 
     budget_ms: float
     """Time between two sweeps."""
     steps: int
-    """Number of steps, without those of the warm-up."""
+    """Number of steps in which every stage ran, without those of the warm-up."""
     stages: dict[str, StageLatency]
     """By stage, a part of one as ``stage.part``; ``total`` is the whole step."""
     over_budget: int
@@ -152,18 +157,25 @@ class StepTimes:
         return asdict(self)
 
     def report(self) -> LatencyReport:
-        """Summarise the steps."""
+        """Summarise the steps in which every stage ran."""
         return latency_report([self])
+
+    @property
+    def whole(self) -> StepTimes:
+        """Those of the steps in which every stage ran; parts of stages may be absent."""
+        stages = {name for name in self.warm_up_s if "." not in name}
+        steps = [step for step in self.steps if stages <= step.keys()]
+        return StepTimes(self.period_s, steps, self.warm_up_s)
 
 
 def latency_report(scenes: Sequence[StepTimes]) -> LatencyReport:
-    """Summarise the steps of scenes, at least one, which are read twice and not held.
+    """Summarise the whole steps of scenes, at least one, which are read twice and not held.
 
     The budget is the shortest period, the warm-up of a stage the longest of any scene.
     """
     stages: dict[str, _Stage] = {}
     period_s, steps = math.inf, 0
-    for times in scenes:
+    for times in (scene.whole for scene in scenes):
         period_s, steps = min(period_s, times.period_s), steps + len(times.steps)
         for name, spent_s in times.warm_up_s.items():
             stage = stages.setdefault(name, _Stage())
@@ -171,7 +183,7 @@ def latency_report(scenes: Sequence[StepTimes]) -> LatencyReport:
         for name, ms in _milliseconds(times).items():
             stages.setdefault(name, _Stage()).ms.count(ms)
     late, every = _Spent(), _Spent()
-    for times in scenes:
+    for times in (scene.whole for scene in scenes):
         for name, ms in _milliseconds(times).items():
             stages[name].add(ms)
         for step in times.steps:
@@ -270,7 +282,7 @@ class LatencyLog:
         return StepTimes(period_s or self._budget_s, list(self._steps), dict(self._warm_up_s))
 
     def report(self) -> LatencyReport:
-        """Summarise the kept steps."""
+        """Summarise the kept steps in which every stage ran."""
         return self.times().report()
 
 

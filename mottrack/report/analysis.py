@@ -58,7 +58,7 @@ class Analysis:
     def of(cls, run: ScoredRun) -> Analysis:
         """Analyse the stored results of a run."""
         classes = ClassAnalysis.of(run.evaluation)
-        return cls(classes, _velocity(run.evaluation), Timing.of(run.timings))
+        return cls(classes, _velocity(run.evaluation), Timing.of(run.latency))
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for the scripts of the page."""

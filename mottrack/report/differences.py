@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.eval.velocity_error import CATEGORIES
-from mottrack.report.ranking import ReportRun
+from mottrack.report.ranking import ReportRun, Verdict, verdict
 from mottrack.runs.differences import RunDifferences
 
-Verdict = Literal["better", "worse", "not significant", "too few scenes"]
 STATIC, VULNERABLE, STATIONARY, SLOW, FAST = CATEGORIES
 MARGIN_PERCENT = 2.0
 """Free width at either end of the plot, so that the end of an interval is not cut off."""
@@ -23,8 +22,6 @@ class ShownDifference(NamedTuple):
     name: str
     detail: str = ""
     """The subset of the data, in brackets after the name."""
-    official: bool = False
-    """Whether nuScenes defines a metric of that name that differs from the one of all boxes."""
     is_count: bool = False
     """Whether it is a count, printed without decimals."""
 
@@ -37,8 +34,8 @@ class ShownDifference(NamedTuple):
 SHOWN = {
     MetricKey("tracking", "all", "AMOTA"): ShownDifference("AMOTA"),
     MetricKey("tracking", "all", "AMOTP"): ShownDifference("AMOTP"),
-    MetricKey("tracking", "all", "MOTA"): ShownDifference("MOTA", official=True),
-    MetricKey("tracking", "all", "MOTP"): ShownDifference("MOTP", official=True),
+    MetricKey("tracking", "all", "MOTA"): ShownDifference("MOTA"),
+    MetricKey("tracking", "all", "MOTP"): ShownDifference("MOTP"),
     MetricKey("tracking", "all", "IDS"): ShownDifference("identity switches", is_count=True),
     MetricKey("velocity", "all", "mean"): ShownDifference("velocity error", "all"),
     MetricKey("velocity", "all", "worst 5 %"): ShownDifference("velocity error", "worst 5 %"),
@@ -52,15 +49,6 @@ SHOWN = {
     MetricKey("flow", "dynamic", "RMSE"): ShownDifference("flow RMSE", "dynamic cells"),
     MetricKey("flow", "static", "RMSE"): ShownDifference("flow RMSE", "static cells"),
 }
-
-
-def verdict(row: PairedDifference) -> Verdict:
-    """Say whether a run is significantly better or worse than its baseline."""
-    if row.low != row.low:
-        return "too few scenes"
-    if row.better is None:
-        return "not significant"
-    return "better" if row.better else "worse"
 
 
 @dataclass(frozen=True)
@@ -96,11 +84,23 @@ class Group:
     baseline: str
     whiskers: tuple[Whisker, ...]
 
+    @property
+    def significant(self) -> bool:
+        """Whether any run differs from the baseline; oracles do not count."""
+        found = [w.verdict for w in self.whiskers if not w.run.oracle]
+        return any(v in ("better", "worse") for v in found)
+
 
 def difference_groups(
     differences: Sequence[RunDifferences], runs: Sequence[ReportRun]
 ) -> list[Group]:
-    """Group the differences to each baseline by metric, in the order of ``SHOWN``."""
+    """Group the differences to each baseline by metric: significant ones first, else as `SHOWN`.
+
+    Where clusters are tracked velocity and flow come first: their tracking metrics count walls.
+    """
+    order = list(SHOWN.items())
+    if any(run.clusters for run in runs):
+        order.sort(key=lambda item: item[0].table == "tracking")
     groups = []
     for baseline in dict.fromkeys(d.baseline for d in differences):
         rows = {
@@ -110,14 +110,11 @@ def difference_groups(
             for row in d.rows
             if row.difference == row.difference
         }
-        nuscenes = any(key.metric == "AMOTA" for key, _ in rows)
-        for key, shown in SHOWN.items():
-            if shown.official and nuscenes:
-                shown = shown._replace(name=f"official {shown.name}")
+        for key, shown in order:
             found = {run: row for (k, run), row in rows.items() if k == key}
             if whiskers := _whiskers(shown, found, runs):
                 groups.append(Group(shown, baseline, whiskers))
-    return groups
+    return sorted(groups, key=lambda group: not group.significant)
 
 
 def _whiskers(

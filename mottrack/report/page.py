@@ -17,12 +17,21 @@ from mottrack.report.analysis import Analysis
 from mottrack.report.differences import difference_groups
 from mottrack.report.evaluations import evaluation_sections
 from mottrack.report.player_scenes import SceneSelection, contents, select_scenes
-from mottrack.report.ranking import ReportRun
-from mottrack.report.summary import headlines, metric_cards
+from mottrack.report.ranking import ReportRun, Verdicts, report_runs
+from mottrack.report.summary import findings, metric_cards
 from mottrack.report.tables import flow_blocks, gain_rows, tracking_blocks, velocity_blocks
-from mottrack.report.timing import BUDGET_MS, TIMING, Timing, stages_of, time_rows, widest_ms
+from mottrack.report.timing import (
+    TIMING,
+    Timing,
+    budget_ms,
+    stages_of,
+    time_rows,
+    widest_ms,
+)
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.comparison_tables import settings_table
+from mottrack.runs.conclusion import conclusion
+from mottrack.runs.terminal import in_common
 from mottrack.runs.velocity_bench import plain_words
 
 TEMPLATE = "report.html.j2"
@@ -64,13 +73,13 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
         path: of the HTML file; replaced at once or not at all.
         max_mb: approximate size up to which scenes are included; the others are listed by name.
     """
-    finished = [run for run in comparison.runs if run.report.finished]
-    runs = [ReportRun(index, run) for index, run in enumerate(finished)]
-    analyses = [Analysis.of(run) for run in finished]
+    runs = report_runs([run for run in comparison.runs if run.report.finished])
+    analyses = [Analysis.of(run.scored) for run in runs]
+    verdicts = Verdicts.of(comparison.differences)
     selection = select_scenes(runs, analyses, max_mb * 1e6)
     content = {
-        **_summary(runs, analyses, comparison),
-        **_tables(runs, analyses),
+        **_summary(runs, analyses, comparison, verdicts),
+        **_tables(runs, analyses, verdicts),
         **_times(runs, [a.timing for a in analyses]),
         **_player(runs, analyses, selection),
         **evaluation_sections(runs, [packed.scene for packed in selection.scenes]),
@@ -80,55 +89,63 @@ def write_report(comparison: Comparison, path: Path, *, max_mb: float = MAX_MB) 
 
 
 def _summary(
-    runs: Sequence[ReportRun], analyses: Sequence[Analysis], comparison: Comparison
+    runs: Sequence[ReportRun],
+    analyses: Sequence[Analysis],
+    comparison: Comparison,
+    verdicts: Verdicts,
 ) -> dict[str, Any]:
-    groups = difference_groups(comparison.differences, runs)
-    cards = metric_cards(runs, analyses, comparison.differences)
+    has_truth = any(run.has_truth for run in runs)
+    groups = difference_groups(comparison.differences, runs) if has_truth else []
     return {
         "name": _name(runs),
+        "about": in_common([run.scored for run in runs]),
         "version": __version__,
         "runs": runs,
-        "scene_count": len({s for run in runs for s in run.scored.report.finished}),
         "failed": comparison.failed,
         "concerns": {text: run.title for run in reversed(runs) for text in run.scored.concerns},
-        "has_truth": any(run.has_truth for run in runs),
-        "flow_value": plain_words(comparison.flow_values),
-        "cards": cards,
-        "headlines": headlines(cards, groups),
+        "has_truth": has_truth,
+        "clusters": any(run.clusters for run in runs),
+        "flow_value": plain_words(comparison.flow_values) if has_truth else [],
+        "cards": metric_cards(runs, analyses, verdicts),
+        "conclusion": conclusion(comparison),
+        "findings": findings(groups),
         "common_scenes": max((d.scenes for d in comparison.differences), default=0),
-        "difference_groups": groups,
+        "difference_groups": [group for group in groups if group.significant],
+        "other_groups": [group for group in groups if not group.significant],
     }
 
 
 def _name(runs: Sequence[ReportRun]) -> str:
     """Return the name that the runs share; runs of different days have none."""
-    names = {run.scored.experiment.settings.name for run in runs}
+    names = {run.scored.experiment.name for run in runs}
     return names.pop() if len(names) == 1 else " and ".join(run.title for run in runs) or "run"
 
 
-def _tables(runs: Sequence[ReportRun], analyses: Sequence[Analysis]) -> dict[str, Any]:
+def _tables(
+    runs: Sequence[ReportRun], analyses: Sequence[Analysis], verdicts: Verdicts
+) -> dict[str, Any]:
+    has_truth = any(run.has_truth for run in runs)
     return {
-        "tracking": tracking_blocks(runs),
-        "velocity": velocity_blocks(runs),
-        "flow": flow_blocks(runs),
+        "tracking": tracking_blocks(runs, verdicts),
+        "velocity": velocity_blocks(runs, verdicts),
+        "flow": flow_blocks(runs, verdicts) if has_truth else [],
         "gains": gain_rows(runs, [a.classes.error_classes for a in analyses]),
         "has_curves": any(a.classes.curves for a in analyses),
         "metrics": {"tracking": TRACKING, "velocity": VELOCITY, "flow": FLOW, "timing": TIMING},
         "glossary": (*TRACKING, *VELOCITY, *FLOW, TIMING, INTERVAL, ORACLE),
         "interval": INTERVAL,
         "settings": settings_table([run.scored for run in runs]).texts() if runs[1:] else [],
-        "configs": {
-            run.title: yaml.safe_dump(
-                run.scored.experiment.resolved(), sort_keys=False, allow_unicode=True
-            )
-            for run in runs
-        },
+        "config": yaml.safe_dump(
+            runs[0].scored.experiment.resolved() if runs else {},
+            sort_keys=False,
+            allow_unicode=True,
+        ),
     }
 
 
 def _times(runs: Sequence[ReportRun], timings: Sequence[Timing | None]) -> dict[str, Any]:
     return {
-        "budget_ms": BUDGET_MS,
+        "budget_ms": budget_ms(timings),
         "stages": stages_of(timings),
         "timings": [(r.title, t) for r, t in zip(runs, timings, strict=True) if t is not None],
         "widest_ms": widest_ms(timings),
@@ -143,6 +160,7 @@ def _player(
         {
             "title": run.title,
             "oracle": run.oracle,
+            "colour": run.colour,
             "truth": {k: v.clear.truth for k, v in run.scored.scores.classes.items()},
             **analysis.as_dict(),
         }

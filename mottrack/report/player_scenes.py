@@ -101,6 +101,7 @@ def contents(selection: SceneSelection, runs: Sequence[ReportRun]) -> list[dict[
                     "index": run.index,
                     "title": run.title,
                     "flows": not run.oracle and run.measures_flow,
+                    "clusters": run.clusters,
                 }
                 for run in runs
                 if run.index in packed.runs

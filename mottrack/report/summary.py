@@ -1,4 +1,4 @@
-"""Summary of a comparison: a card per leading metric, the best runs, significant differences."""
+"""Summary of a comparison: significant findings, and a card per leading metric."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
 from mottrack.eval.paired import MetricKey
 from mottrack.report.analysis import Analysis
-from mottrack.report.differences import FAST, SHOWN, STATIC, Group, ShownDifference, verdict
-from mottrack.report.ranking import NAN, ReportRun, ranked_cells
+from mottrack.report.differences import FAST, SHOWN, STATIC, Group, ShownDifference
+from mottrack.report.ranking import NAN, ReportRun, Verdicts
 from mottrack.report.timing import TIMING
-from mottrack.runs.differences import RunDifferences
 
 Value = Callable[[ReportRun, Analysis], float]
 INFO = {info.key: info for info in (*TRACKING, *VELOCITY, *FLOW)}
+WORST_SHARE = 0.15
+"""Length of the bar of the worst run: long enough to be seen."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,9 @@ class Bar:
     run: ReportRun
     text: str
     share: float
-    """Length of its bar, 0 to 1."""
-    best: bool
+    """Length of its bar, 0 to 1: the longer the better, whatever the metric's direction."""
+    mark: str
+    """"better" or "worse" than the baseline, significantly; else empty."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,6 @@ class MetricCard:
 
     metric: SummaryMetric
     bars: tuple[Bar, ...]
-    sentence: str
-    """Which runs differ significantly from the baseline; empty where that is not known."""
 
 
 def _tracking(key: str, difference: MetricKey | None = None) -> SummaryMetric:
@@ -74,10 +74,12 @@ def _time(_: ReportRun, analysis: Analysis) -> float:
 
 
 FLOW_KEY = MetricKey("flow", "dynamic", "RMSE")
-SCORED = (
+TRACKED = (
     _tracking("amota", MetricKey("tracking", "all", "AMOTA")),
-    _tracking("mota"),
+    _tracking("mota", MetricKey("tracking", "all", "MOTA")),
     _tracking("idf1"),
+)
+MEASURED = (
     _velocity("all"),
     _velocity(STATIC),
     _velocity(FAST),
@@ -87,65 +89,50 @@ TIME = SummaryMetric(TIMING, ShownDifference(TIMING.name), _time)
 
 
 def metric_cards(
-    runs: Sequence[ReportRun],
-    analyses: Sequence[Analysis],
-    differences: Sequence[RunDifferences],
+    runs: Sequence[ReportRun], analyses: Sequence[Analysis], verdicts: Verdicts
 ) -> list[MetricCard]:
-    """Return a card per metric that any run has a value of; without truth that is time alone."""
-    metrics = (*SCORED, TIME) if any(run.has_truth for run in runs) else (TIME,)
+    """Return a card per metric that any run has a value of; without truth that is time alone.
+
+    Where clusters are tracked velocity and flow come first.
+    """
+    clusters = any(run.clusters for run in runs)
+    scored = (*MEASURED, *TRACKED) if clusters else (*TRACKED, *MEASURED)
+    metrics = (*scored, TIME) if any(run.has_truth for run in runs) else (TIME,)
     cards = []
     for metric in metrics:
         values = [metric.value(run, a) for run, a in zip(runs, analyses, strict=True)]
         if any(value == value for value in values):
-            sentence = _sentence(metric, runs, differences)
-            cards.append(MetricCard(metric, _bars(metric, values, runs), sentence))
+            cards.append(_card(metric, values, runs, verdicts))
     return cards
 
 
-def _bars(
-    metric: SummaryMetric, values: Sequence[float], runs: Sequence[ReportRun]
-) -> tuple[Bar, ...]:
-    longest = max((value for value in values if value == value), default=0.0)
-    bars = []
-    for run, value, cell in zip(runs, values, ranked_cells(metric.info, values, runs), strict=True):
-        share = max(value, 0.0) / longest if longest > 0 and value == value else 0.0
-        bars.append(Bar(run, cell.text, share, cell.best))
-    return tuple(bars)
+def _card(
+    metric: SummaryMetric,
+    values: Sequence[float],
+    runs: Sequence[ReportRun],
+    verdicts: Verdicts,
+) -> MetricCard:
+    known = [value for value in values if value == value]
+    best = 0.0 if metric.info.lower_is_better else 1.0
+    worst = max(known) if metric.info.lower_is_better else min([0.0, *known])
+    bars = [
+        Bar(run, metric.info.text(v), share(v, best, worst), verdicts.mark(run, metric.difference))
+        for run, v in zip(runs, values, strict=True)
+    ]
+    return MetricCard(metric, tuple(bars))
 
 
-def _sentence(
-    metric: SummaryMetric, runs: Sequence[ReportRun], differences: Sequence[RunDifferences]
-) -> str:
-    verdicts: dict[str, list[str]] = {words: [] for words in WORDS.values()}
-    for run in runs:
-        rows = [r for d in differences if d.run == run.title for r in d.rows]
-        row = next((r for r in rows if r.key == metric.difference), None)
-        if row is not None and not run.oracle and (found := verdict(row)) in WORDS:
-            verdicts[WORDS[found]].append(run.title)
-    told = [f"{', '.join(titles)} {words}" for words, titles in verdicts.items() if titles]
-    baselines = ", ".join(dict.fromkeys(d.baseline for d in differences))
-    return f"Against {baselines}: {'; '.join(told)}." if told else ""
+def share(value: float, best: float, worst: float) -> float:
+    """Return the length of a bar: 1 for a perfect value, `WORST_SHARE` for the worst one."""
+    if value != value:
+        return 0.0
+    if best == worst:
+        return 1.0
+    return WORST_SHARE + (1.0 - WORST_SHARE) * (value - worst) / (best - worst)
 
 
-WORDS = {
-    "better": "significantly better",
-    "worse": "significantly worse",
-    "not significant": "not significantly different",
-}
-
-
-def headlines(cards: Sequence[MetricCard], groups: Sequence[Group]) -> list[str]:
-    """Say which runs have the best values, and which differences are significant."""
-    best: dict[str, list[ShownDifference]] = {}
-    for card in cards:
-        for bar in card.bars:
-            if bar.best:
-                best.setdefault(bar.run.title, []).append(card.metric.shown)
-    told = [f"{title} in {_listed(metrics)}" for title, metrics in best.items()]
-    return ([f"Best values: {'; '.join(told)}."] if told else []) + _findings(groups)
-
-
-def _findings(groups: Sequence[Group]) -> list[str]:
+def findings(groups: Sequence[Group]) -> list[str]:
+    """Say which differences are significant: a sentence for each run, better ones first."""
     texts = []
     for baseline in dict.fromkeys(group.baseline for group in groups):
         found: dict[tuple[str, str], list[ShownDifference]] = {}
@@ -157,10 +144,10 @@ def _findings(groups: Sequence[Group]) -> list[str]:
                     found.setdefault((w.run.title, w.verdict), []).append(group.shown)
         if not known:
             texts.append(f"Against {baseline}: too few scenes for a confidence interval.")
-            continue
-        told = [f"{run} is {word} in {_listed(shown)}" for (run, word), shown in found.items()]
-        words = "; ".join(told) if told else "no difference in any metric"
-        texts.append(f"Significant at 95 %, against {baseline}: {words}.")
+        elif not found:
+            texts.append(f"Against {baseline}: no significant difference in any metric.")
+        for (run, word), shown in sorted(found.items(), key=lambda item: item[0][1]):
+            texts.append(f"{run} is significantly {word} than {baseline} in {_listed(shown)}.")
     return texts
 
 

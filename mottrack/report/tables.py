@@ -1,4 +1,4 @@
-"""Tables of tracking, velocity and flow metrics with the best values marked."""
+"""Tables of tracking, velocity and flow metrics; significant differences are marked."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dataclasses import asdict, dataclass, replace
 from mottrack.eval.flow_error import FlowError
 from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
 from mottrack.eval.nuscenes.error_classes import ClassErrors
+from mottrack.eval.paired import MetricKey
 from mottrack.eval.scores import ClassScores
 from mottrack.eval.velocity_error import CATEGORIES, ErrorRow
-from mottrack.report.ranking import NAN, Cell, ReportRun, ranked_cells
+from mottrack.report.ranking import NAN, Cell, ReportRun, Verdicts, marked_cells
 
 LEADING_VELOCITY_ROWS = len(CATEGORIES) + 1
 """Rows before those by object class: the categories and "all"."""
@@ -36,39 +37,58 @@ class Block:
     rows: tuple[Row, ...]
 
 
-def tracking_blocks(runs: Sequence[ReportRun]) -> list[Block]:
+TRACKING_KEYS = {
+    "amota": "AMOTA",
+    "amotp_m": "AMOTP",
+    "mota": "MOTA",
+    "motp_m": "MOTP",
+    "id_switches": "IDS",
+}
+"""Metrics of all classes whose differences are tested, by their names in the table."""
+TESTED = {"mean_mps": "mean", "worst_mean_mps": "worst 5 %", "rmse_mps": "RMSE"}
+"""Likewise of velocity and flow."""
+
+
+def tracking_blocks(runs: Sequence[ReportRun], verdicts: Verdicts) -> list[Block]:
     """Return one row per run, of all classes together and then of each class with truth."""
     labels = dict.fromkeys(label for run in runs for label in run.scored.scores.classes)
-    blocks = [Block("", _tracking_rows(runs, [run.scored.scores.overall for run in runs]))]
+    overall = [run.scored.scores.overall for run in runs]
+    blocks = [Block("", _tracking_rows(runs, overall, verdicts))]
     for label in labels:
         parts = [run.scored.scores.classes.get(label) for run in runs]
         if any(part is not None and part.clear.truth for part in parts):
-            blocks.append(Block(label, _tracking_rows(runs, parts)))
+            blocks.append(Block(label, _tracking_rows(runs, parts, Verdicts())))
     return blocks
 
 
 def _tracking_rows(
-    runs: Sequence[ReportRun], parts: Sequence[ClassScores | None]
+    runs: Sequence[ReportRun], parts: Sequence[ClassScores | None], verdicts: Verdicts
 ) -> tuple[Row, ...]:
-    columns = _columns(TRACKING, [{} if part is None else part.as_dict() for part in parts], runs)
+    values = [{} if part is None else part.as_dict() for part in parts]
+    columns = [
+        marked_cells(info, _values(info, values), runs, verdicts, _tracking_key(info))
+        for info in TRACKING
+    ]
     return tuple(
         Row(run.title, cells, run)
         for run, cells in zip(runs, zip(*columns, strict=True), strict=True)
     )
 
 
-def _columns(
-    metrics: Sequence[MetricInfo], values: Sequence[Mapping[str, float]], runs: Sequence[ReportRun]
-) -> list[list[Cell]]:
-    """Return one list of cells per metric, with a cell per run."""
-    return [ranked_cells(info, [v.get(info.key, NAN) for v in values], runs) for info in metrics]
+def _tracking_key(info: MetricInfo) -> MetricKey | None:
+    name = TRACKING_KEYS.get(info.key)
+    return None if name is None else MetricKey("tracking", "all", name)
 
 
-def velocity_blocks(runs: Sequence[ReportRun]) -> list[Block]:
+def _values(info: MetricInfo, values: Sequence[Mapping[str, float]]) -> list[float]:
+    return [v.get(info.key, NAN) for v in values]
+
+
+def velocity_blocks(runs: Sequence[ReportRun], verdicts: Verdicts) -> list[Block]:
     """Return one row per category and one column per run; rows by object class come last."""
     tables = [run.scored.scores.velocity for run in runs]
     rows = []
-    for row in _category_rows(VELOCITY, tables, runs):
+    for row in _category_rows("velocity", tables, runs, verdicts):
         counts = [table[row.name].count if row.name in table else 0 for table in tables]
         cells = [
             replace(cell, under=(*cell.under, Cell(f"{count} rows")))
@@ -78,26 +98,34 @@ def velocity_blocks(runs: Sequence[ReportRun]) -> list[Block]:
     return _blocks(rows, LEADING_VELOCITY_ROWS, "by object class")
 
 
-def flow_blocks(runs: Sequence[ReportRun]) -> list[Block]:
+def flow_blocks(runs: Sequence[ReportRun], verdicts: Verdicts) -> list[Block]:
     """Return one row per set of cells and one column per run; speeds and ranges come last."""
-    rows = _category_rows(FLOW, [run.scored.scores.flow for run in runs], runs)
+    rows = _category_rows("flow", [run.scored.scores.flow for run in runs], runs, verdicts)
     return _blocks(rows, LEADING_FLOW_ROWS, "by true speed and by range")
 
 
 def _category_rows(
-    metrics: Sequence[MetricInfo],
-    tables: Sequence[Mapping[str, ErrorRow] | Mapping[str, FlowError]],
+    table: str,
+    parts: Sequence[Mapping[str, ErrorRow] | Mapping[str, FlowError]],
     runs: Sequence[ReportRun],
+    verdicts: Verdicts,
 ) -> list[Row]:
     """Return rows of one cell per run: the first metric, the others small below it."""
     rows = []
-    for name in dict.fromkeys(name for table in tables for name in table):
-        errors = [asdict(table[name]) if name in table else {} for table in tables]
-        first, *others = _columns(metrics, errors, runs)
+    for name in dict.fromkeys(name for part in parts for name in part):
+        errors = [asdict(part[name]) if name in part else {} for part in parts]
+        first, *others = [
+            marked_cells(info, _values(info, errors), runs, verdicts, _key(table, name, info))
+            for info in {"velocity": VELOCITY, "flow": FLOW}[table]
+        ]
         under = zip(*others, strict=True)
         cells = (replace(cell, under=small) for cell, small in zip(first, under, strict=True))
         rows.append(Row(name, tuple(cells)))
     return rows
+
+
+def _key(table: str, row: str, info: MetricInfo) -> MetricKey | None:
+    return MetricKey(table, row, TESTED[info.key]) if info.key in TESTED else None
 
 
 def _blocks(rows: Sequence[Row], leading: int, heading: str) -> list[Block]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mottrack.core.errors import ConfigError, ResultError
+from mottrack.core.errors import ConfigError, ResultError, require_exists
 from mottrack.core.storage import write_text
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.stored import stored_experiment
@@ -33,6 +34,18 @@ class Comparison:
     out: Path
     differences: tuple[RunDifferences, ...] = ()
     """Every other run against the baseline of its data set."""
+
+    def __repr__(self) -> str:
+        titles = ", ".join(run.title for run in self.runs)
+        return f"Comparison({titles}; {self.out})"
+
+    def _repr_html_(self) -> str:
+        """Return the main tables and what was found, for notebooks."""
+        from mottrack.runs.conclusion import conclusion  # the modules of tables read comparisons
+        from mottrack.runs.summary_tables import summary_tables
+
+        tables = "".join(table._repr_html_() for table in summary_tables(self))
+        return f"{tables}<p>{html.escape(conclusion(self))}</p>"
 
     @cached_property
     def flow_values(self) -> list[FlowValue]:
@@ -109,9 +122,10 @@ def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
         baseline: title of the baseline run, or part of it; by default the first run.
 
     Raises:
-        ConfigError: the folder holds no run with a finished scene.
+        ConfigError: the folder does not exist, or holds no run with a finished scene.
         ResultError: a stored result is damaged.
     """
+    require_exists(folder)
     notes = _notes(folder)
     runs = [_load_run(folder, variant, notes.get(variant, {})) for variant in variants_of(folder)]
     runs = [run for run in runs if run.finished]

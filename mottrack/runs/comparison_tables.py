@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDifference
-from mottrack.eval.sceneflow.figures import HEADLINE
-from mottrack.eval.velocity_error import CATEGORIES, OTHER
 from mottrack.experiment.overrides import GROUPS
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
@@ -17,7 +15,6 @@ from mottrack.runs.scene_flow import figure_name, scene_flow_tables
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.velocity_bench import bench_table
 
-LEADING_ROWS = ("all", "dynamic", "static", *CATEGORIES, OTHER)
 VELOCITY_PARTS = ("mean", "worst 5 %", "rows")
 FLOW_PARTS = ("RMSE", "median", "within 1 m/s")
 METHOD = (
@@ -26,13 +23,8 @@ METHOD = (
     f"{round(1 / (1 - CONFIDENCE))} null differences is reported as significant"
 )
 LATENCY = (
-    "Wall time of one step per sweep. Parallel processes slow each other down: use --workers 1 to "
-    "measure one scene alone"
-)
-ONE_SCENE = "only one scene: no confidence interval"
-OFFICIAL = (
-    "MOTA and MOTP here are the official ones, means over the classes; those of the tracking table "
-    "pool all boxes"
+    "Wall time of the steps in which every stage ran, without reading files and without the "
+    "warm-up. Parallel processes slow each other down: use --workers 1 to measure one scene alone"
 )
 
 
@@ -41,7 +33,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     runs = [run for run in comparison.runs if run.report.finished]
     if not runs:
         return []
-    tables = [tracking_table(runs), velocity_table(runs), timing_table(runs), latency_table(runs)]
+    tables = [tracking_table(runs), velocity_table(runs), latency_table(runs)]
     if len(runs) > 1:
         tables.append(settings_table(runs))
     if any(run.scores.flow for run in runs):
@@ -72,6 +64,8 @@ def tracking_table(runs: Sequence[ScoredRun]) -> TextTable:
     for run in runs:
         for label, scores in {"all": run.scores.overall, **run.scores.classes}.items():
             numbers = scores.as_dict()
+            if not (numbers["truth_boxes"] or numbers["false_positives"]):
+                continue  # a class that the data set knows, but neither truth nor tracks have
             if not numbers["truth_boxes"]:  # TrackEval's 0 would read as the worst result
                 numbers["hota"] = float("nan")
             rows.append((run.title, label, *(numbers[name] for _, name in figures)))
@@ -111,23 +105,6 @@ def flow_table(runs: Sequence[ScoredRun]) -> TextTable:
     return TextTable("flow", "Flow error, m/s", columns, tuple(rows))
 
 
-def timing_table(runs: Sequence[ScoredRun]) -> TextTable:
-    """Tabulate the mean wall time of every stage."""
-    stages = dict.fromkeys(stage for run in runs for stage in run.stage_ms)
-    rows: list[tuple[Cell, ...]] = [
-        (run.title, *(run.stage_ms.get(stage, 0.0) for stage in stages))
-        for run in runs
-        if run.stage_ms  # of imported tracks no time is known
-    ]
-    columns = (Column("run"), *(Column(stage, digits=1) for stage in stages))
-    return TextTable(
-        "timing",
-        "Mean wall time per key frame, ms (the first one compiles and loads)",
-        columns,
-        tuple(rows),
-    )
-
-
 def latency_table(runs: Sequence[ScoredRun]) -> TextTable:
     """Tabulate the latency of every stage of a step and of its parts."""
     rows: list[tuple[Cell, ...]] = []
@@ -163,9 +140,7 @@ def difference_table(parts: Sequence[RunDifferences]) -> TextTable:
             names = (part.run, part.baseline, metric_name(row.key))
             numbers = (row.baseline, row.value, row.difference, row.low, row.high)
             rows.append((*names, *numbers, significance(row), row.scenes))
-    return TextTable(
-        "differences", "Differences to the baseline", columns, tuple(rows), f"{METHOD}. {OFFICIAL}"
-    )
+    return TextTable("differences", "Differences to the baseline", columns, tuple(rows), METHOD)
 
 
 def settings_table(runs: Sequence[ScoredRun]) -> TextTable:
@@ -198,33 +173,6 @@ def flat_settings(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
     return flat
 
 
-def leading_differences(parts: Sequence[RunDifferences]) -> Iterator[TextTable]:
-    """Yield a table per baseline for the terminal: main metrics in rows, runs in columns."""
-    for baseline in dict.fromkeys(part.baseline for part in parts):
-        group = [part for part in parts if part.baseline == baseline]
-        shown = [{row.key: row for row in part.rows if _leads(row.key)} for part in group]
-        rows: list[tuple[Cell, ...]] = []
-        for key in dict.fromkeys(key for rows_of in shown for key in rows_of):
-            found = [rows_of.get(key) for rows_of in shown]
-            value = next(row.baseline for row in found if row is not None)
-            rows.append((metric_name(key), value, *(_difference_text(row) for row in found)))
-        columns = (Column("metric"), Column(baseline), *(Column(part.run) for part in group))
-        title = f"Difference to {baseline} over {group[0].scenes} scenes"
-        yield TextTable("differences", title, columns, tuple(rows), _note(group))
-
-
-def compact(table: TextTable, titles: Sequence[str], parts: Sequence[str]) -> TextTable:
-    """Shorten a table for the terminal: main rows only, the columns of each run in one."""
-    size = len(parts)
-    rows: list[tuple[Cell, ...]] = []
-    for cells in table.texts():
-        groups = [cells[k : k + size] for k in range(1, len(cells), size)]
-        if cells[0] in LEADING_ROWS:
-            rows.append((cells[0], *(" | ".join(group) for group in groups)))
-    columns = (table.columns[0], *(Column(title) for title in titles))
-    return TextTable(table.name, f"{table.title}: {' | '.join(parts)}", columns, tuple(rows))
-
-
 def metric_name(key: MetricKey) -> str:
     """Return the name of a metric in a table of differences, with its unit."""
     if key.table == "sceneflow":
@@ -240,22 +188,3 @@ def significance(row: PairedDifference) -> str:
     if row.low != row.low:
         return "one scene" if row.scenes == 1 else "no interval"
     return {True: "better", False: "worse", None: "not significant"}[row.better]
-
-
-def _leads(key: MetricKey) -> bool:
-    if key.table == "sceneflow":
-        return (key.row, key.metric) in HEADLINE
-    return key.row in LEADING_ROWS and not (key.table == "flow" and key.metric != "RMSE")
-
-
-def _difference_text(row: PairedDifference | None) -> str:
-    if row is None or row.difference != row.difference:
-        return "–"
-    if row.low != row.low:
-        return f"{row.difference:+.3f} [{significance(row)}]"
-    found = "" if row.better is None else f" {significance(row)}"
-    return f"{row.difference:+.3f} ± {row.high - row.difference:.3f}{found}"
-
-
-def _note(group: Sequence[RunDifferences]) -> str:
-    return f"{ONE_SCENE if group[0].scenes == 1 else METHOD}. {OFFICIAL}"

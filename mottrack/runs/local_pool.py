@@ -15,11 +15,11 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import cast
 
+from mottrack.compiled import compilation_told
 from mottrack.core.memory import fitting, warn_when_scarce
 from mottrack.core.processes import available_cores, end_with_parent
 from mottrack.runs.tasks import (
     DIED,
-    FRAMES_PER_MESSAGE,
     THREAD_VARIABLES,
     Job,
     Outcome,
@@ -27,8 +27,11 @@ from mottrack.runs.tasks import (
     Task,
     Work,
     attempt,
+    seldom,
 )
 
+COMPILING = "compiling"
+"""Message of a worker that compiles a function; other messages are tuples and lists."""
 WORKER_BYTES = 700 << 20
 """Of a process that runs the largest network: 606 MB resident on sweeps of 20,000 points."""
 
@@ -109,8 +112,10 @@ class _Pool:
             self._end(message)
             worker.served = True
             self._give_task(worker)
+        elif message == COMPILING:
+            self.progress.compiling()
         else:
-            self.progress.frames(task.scene, *message)
+            self.progress.frames(task.frames(*message))
 
     def terminate(self) -> None:
         """Terminate every process, busy or idle."""
@@ -164,17 +169,18 @@ class _Pool:
 def _serve(connection: Connection, work: Work) -> None:
     """Work on one task after the other until the parent closes the connection."""
 
-    def on_frame(done: int, total: int) -> None:
-        if done % FRAMES_PER_MESSAGE == 0 or done == total:
-            connection.send((done, total))
+    def tell(done: int, total: int) -> None:
+        connection.send((done, total))
 
+    on_frame = seldom(tell)
     end_with_parent()
     warn_when_scarce()
-    while True:
-        try:
-            connection.send(attempt(work, connection.recv(), on_frame))
-        except (EOFError, BrokenPipeError, ConnectionResetError):
-            return  # the parent has ended
+    with compilation_told(lambda: connection.send(COMPILING)):
+        while True:
+            try:
+                connection.send(attempt(work, connection.recv(), on_frame))
+            except (EOFError, BrokenPipeError, ConnectionResetError):
+                return  # the parent has ended
 
 
 @contextmanager

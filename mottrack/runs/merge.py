@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import chain, zip_longest
 from pathlib import Path
 
-from mottrack.core.errors import ConfigError, ResultError
+from mottrack.core.errors import ConfigError, ResultError, require_exists
 from mottrack.core.storage import write_bytes, write_text
 from mottrack.runs.run_folder import RESULT, SNAPSHOTS, RunFolder
 from mottrack.runs.runner import RunReport
@@ -44,10 +44,12 @@ def merge_shards(sources: Sequence[Path], out: Path) -> Merged:
         out: folder for the joined results; nothing is written before everything is checked.
 
     Raises:
-        ConfigError: a shard is missing, was interrupted or counts otherwise, shards are of
-            different runs, or one that is held twice differs.
+        ConfigError: a source does not exist, a shard is missing, was interrupted or counts
+            otherwise, shards are of different runs, or one that is held twice differs.
         ResultError: a record is damaged.
     """
+    for source in sources:
+        require_exists(source)
     runs = _runs(sources)
     if not runs:
         places = ", ".join(map(str, sources))

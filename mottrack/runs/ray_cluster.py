@@ -194,8 +194,8 @@ class _Driver:
             told = self.ray.get(self.board.drain.remote(), timeout=POLL_S)
         except (self.ray.exceptions.RayError, TimeoutError):
             return  # the board is for the eye alone
-        for scene, (done, total) in told.items():
-            self.progress.frames(scene, done, total)
+        for done in told:
+            self.progress.frames(done)
 
 
 def _answers(ray: Any, asked: Mapping[str, Any]) -> dict[str, tuple[str, str]]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from mottrack.runs.node_check import Requirements, node_name
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.tasks import FRAMES_PER_MESSAGE, Outcome, Task, Work, attempt
+from mottrack.runs.tasks import FramesDone, Outcome, Task, Work, attempt, seldom
 
 
 class Done(NamedTuple):
@@ -29,16 +29,16 @@ class Board:
     """An actor that gathers the progress of all tasks."""
 
     def __init__(self) -> None:
-        self._last: dict[str, tuple[int, int]] = {}
+        self._last: dict[tuple[str, tuple[Path, ...]], FramesDone] = {}
 
-    def tell(self, scene: str, done: int, total: int) -> None:
+    def tell(self, done: FramesDone) -> None:
         """Note how many frames of a scene are done."""
-        self._last[scene] = done, total
+        self._last[done.scene, done.folders] = done
 
-    def drain(self) -> dict[str, tuple[int, int]]:
+    def drain(self) -> list[FramesDone]:
         """Return what is new."""
         last, self._last = self._last, {}
-        return last
+        return list(last.values())
 
 
 class Needs(NamedTuple):
@@ -86,10 +86,10 @@ def run_task(task: Task, work: Work, place: Place) -> Done:
     if unmet:
         return Done(task.failed(f"node {node}: {unmet}"), [], 0)
 
-    def on_frame(done: int, total: int) -> None:
-        if done % FRAMES_PER_MESSAGE == 0 or done == total:
-            place.board.tell.remote(f"{task.scene}@{node}", done, total)
+    def tell(done: int, total: int) -> None:
+        place.board.tell.remote(task.frames(done, total, node))
 
+    on_frame = seldom(tell)
     if place.store:
         return Done(attempt(work, task, on_frame), [], _peak_bytes())
     with tempfile.TemporaryDirectory() as name:

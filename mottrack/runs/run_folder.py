@@ -13,9 +13,9 @@ from pathlib import Path
 
 import yaml
 
-import mottrack
+from mottrack._version import __version__
 from mottrack.core.arrays import F64
-from mottrack.core.errors import ConfigError, DataError, ResultError, unknown_name
+from mottrack.core.errors import ConfigError, DataError, ResultError, require_exists, unknown_name
 from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects, load_objects, save_objects
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
@@ -38,7 +38,7 @@ BESIDE = (SNAPSHOTS, OBJECTS, SCENE_FLOW)
 MOST_NAME = 200
 """Characters of a scene's name: file names have 255 bytes, the suffix and a temporary name too."""
 _SECONDS = ColumnSpec("seconds")
-PACKAGE = Path(mottrack.__file__).parent
+PACKAGE = Path(__file__).resolve().parents[1]
 SOURCES = (
     "core",
     "lidar",
@@ -288,9 +288,10 @@ def stored_scenes(run: Path) -> tuple[str, ...]:
     """Return the finished scenes of a run, in order; those with stored key frames first.
 
     Raises:
-        ConfigError: the folder holds several runs.
+        ConfigError: the folder does not exist, or holds several runs.
         ResultError: it holds none, or no scene of it is finished.
     """
+    require_exists(run)
     folder = RunFolder(run)
     if not folder.config_file.exists():
         inside = sorted(path.parent.name for path in run.glob("*/config.yaml"))
@@ -336,7 +337,7 @@ def code_and_weights(parts: Sequence[Part]) -> dict[str, str]:
     plug_ins = [part.cls for part in parts if ":" in part.kind]
     sources = sorted({Path(file) for cls in plug_ins if (file := inspect.getsourcefile(cls))})
     return {
-        "version": mottrack.__version__,
+        "version": __version__,
         "code": hashlib.sha256((_package_digest() + _digest(sources)).encode()).hexdigest(),
         **{f"weights {file.name}": _digest([file]) for file in files},
     }

@@ -7,9 +7,6 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
-import numpy as np
-
-from mottrack.core.arrays import F64
 from mottrack.core.concerns import Concern, SceneConcern, summaries
 from mottrack.core.result import SceneResult
 from mottrack.datasets.plausibility.seen import SeenScene
@@ -25,13 +22,8 @@ from mottrack.runs.per_scene import PerScene
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import RunReport
 
-
-@dataclass(frozen=True)
-class _Notes:
-    """What is noted of the scenes beside their scores."""
-
-    concerns: list[str]
-    stage_ms: dict[str, float]
+TRUE_FLOW = "ground_truth"
+"""The flow source that is given the truth."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +43,9 @@ class ScoredRun:
         default_factory=dict, init=False, repr=False, compare=False
     )
 
+    def __repr__(self) -> str:
+        return f"ScoredRun({self.title}, {len(self.finished)} scenes, {self.folder.path})"
+
     @property
     def title(self) -> str:
         """Name of the run in tables."""
@@ -65,6 +60,16 @@ class ScoredRun:
     def finished(self) -> tuple[str, ...]:
         """Names of the scenes with a result."""
         return self.report.finished
+
+    @property
+    def given_truth(self) -> bool:
+        """Whether its flow is the truth: an upper bound, no method."""
+        return self.experiment.flow.kind == TRUE_FLOW
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether there was any truth to score it against."""
+        return self.scores.overall.clear.truth > 0
 
     @property
     def config(self) -> ScoreConfig:
@@ -99,39 +104,28 @@ class ScoredRun:
         """Scores over all finished scenes."""
         return self.evaluation.scores
 
-    @property
-    def timings(self) -> PerScene[dict[str, F64]]:
-        """Of each finished scene the seconds per stage and key frame."""
-        return PerScene(self.finished, self.folder.timings)
+    def load(self, scene: str) -> SceneResult:
+        """Read the result of a finished scene.
 
-    @property
-    def concerns(self) -> list[str]:
-        """What was left out or is unlikely in the finished scenes, a line for each kind."""
-        return self._notes.concerns
-
-    @property
-    def stage_ms(self) -> dict[str, float]:
-        """Mean wall time of each stage per key frame, milliseconds."""
-        return self._notes.stage_ms
+        Raises:
+            ResultError: it is missing or damaged.
+        """
+        return self.folder.load(scene)
 
     @cached_property
-    def _notes(self) -> _Notes:
+    def concerns(self) -> list[str]:
+        """What is unlikely in the data of the finished scenes, a line for each kind."""
         found: list[SceneConcern] = []
-        frames, totals_s = 0, dict[str, float]()
         for scene in self.finished:
             result = self.folder.load(scene, flow=False)
             # boxes in an image have no heading and no size that could be unlikely
             concerns = result.concerns if self.dataset == "mot" else _concerns(result)
             found += [SceneConcern(scene, concern) for concern in concerns]
-            frames += len(result.frames)
-            for stage, seconds in result.timings_s.items():
-                totals_s[stage] = totals_s.get(stage, 0.0) + float(np.sum(seconds))
-        stage_ms = {stage: 1e3 * total / max(frames, 1) for stage, total in totals_s.items()}
-        return _Notes(summaries(found), stage_ms)
+        return summaries(found)
 
     @cached_property
     def latency(self) -> LatencyReport | None:
-        """Of every step against the time between two sweeps; None where it was not stored."""
+        """Of its steps against the time between two sweeps; None where it was not stored."""
         stored = tuple(s for s in self.finished if self.folder.latency_file(s).exists())
         return latency_report(PerScene(stored, self.folder.times)) if stored else None
 
@@ -148,7 +142,6 @@ class ScoredRun:
             "config_hash": self.experiment.hash,
             "scenes": list(self.finished),
             "failed": self.report.failed,
-            "stage_ms": self.stage_ms,
             "latency": None if self.latency is None else asdict(self.latency),
             "metrics": self.scores.as_dict(),
         }

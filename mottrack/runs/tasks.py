@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from mottrack.core.errors import MottrackError
 from mottrack.core.memory import exhausted
@@ -17,8 +18,8 @@ from mottrack.runs.run_folder import RunFolder
 OnFrame = Callable[[int, int], None]
 ATTEMPTS = 2
 """Per scene: a worker may be killed for lack of memory while another one peaks."""
-FRAMES_PER_MESSAGE = 10
-"""Frames between two messages of progress: about one a second and task."""
+MESSAGE_EVERY_S = 0.2
+"""Between two messages of progress of a task: as often as an eye follows."""
 DIED = (
     "its process died: killed, perhaps by the kernel for want of memory (use fewer --workers), "
     "or a crash in a library"
@@ -49,6 +50,18 @@ class Outcome:
     folder: Path = Path()
 
 
+class FramesDone(NamedTuple):
+    """How far one scene has got."""
+
+    scene: str
+    folders: tuple[Path, ...]
+    """Of the runs that go through it together."""
+    done: int
+    total: int
+    node: str = ""
+    """On a cluster, where it runs."""
+
+
 @dataclass(frozen=True)
 class Task:
     """One scene, for one run or for several that share its sweeps."""
@@ -59,6 +72,12 @@ class Task:
     """How many workers have died of it."""
     cache: FlowCache | None = None
     """Flow fields that are kept between runs; None: none."""
+
+    def frames(self, done: int, total: int, node: str = "") -> FramesDone:
+        """Return how far the scene has got."""
+        return FramesDone(
+            self.scene, tuple(job.folder.path for job in self.jobs), done, total, node
+        )
 
     def failed(self, error: str) -> list[Outcome]:
         """Return the outcomes of all its runs where none can end otherwise."""
@@ -85,8 +104,12 @@ class Progress(Protocol):
         """Start a run of ``scenes`` scenes, of which ``todo`` have no result yet."""
         ...
 
-    def frames(self, scene: str, done: int, total: int) -> None:
-        """Report the frames of a scene that are done; on a cluster the scene is ``scene@node``."""
+    def frames(self, done: FramesDone) -> None:
+        """Report the frames of a scene that are done."""
+        ...
+
+    def compiling(self) -> None:
+        """Report that a process of this machine compiles a function."""
         ...
 
     def scene_ends(self, outcome: Outcome) -> None:
@@ -120,6 +143,19 @@ class Executor(Protocol):
         A task that raises fails at once; one whose worker dies is tried once more.
         """
         ...
+
+
+def seldom(tell: OnFrame) -> OnFrame:
+    """Return a receiver that passes on the last frame, and others at most every 0.2 s."""
+    next_s = 0.0
+
+    def on_frame(done: int, total: int) -> None:
+        nonlocal next_s
+        if done == total or time.monotonic() >= next_s:
+            next_s = time.monotonic() + MESSAGE_EVERY_S
+            tell(done, total)
+
+    return on_frame
 
 
 def reason(error: Exception) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from mottrack.core.errors import ResultError
+from mottrack.core.errors import ResultError, require_exists
 from mottrack.eval.tracked_scenes import TrackedScenes
 from mottrack.experiment.experiment import load_experiments
 from mottrack.runs.comparison import variants_of
@@ -34,6 +34,7 @@ def of_folders(paths: list[Path]) -> dict[str, TrackedScenes]:
     """
     found: dict[str, TrackedScenes] = {}
     for path in paths:
+        require_exists(path)
         folders = [path / variant for variant in variants_of(path)]
         if not folders:
             raise ResultError(path, "content", "no run.json", "the folder of a run")

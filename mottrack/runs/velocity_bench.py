@@ -114,11 +114,16 @@ def bench_table(values: Sequence[FlowValue]) -> TextTable:
 
 
 def plain_words(values: Sequence[FlowValue]) -> list[str]:
-    """Say in three lines what the best measured flow was worth; nothing if none was measured."""
+    """Say in three lines what the best measured flow was worth; nothing if none was measured.
+
+    The best is the one with the largest gain among those that are significantly better than no
+    flow, or among all where none is.
+    """
     measured = [v for v in values if not v.oracle and v.row(VELOCITY) is not None]
     if not measured:
         return []
-    best = min(measured, key=lambda v: _gain(v.row(VELOCITY)))
+    better = [v for v in measured if (row := v.row(VELOCITY)) is not None and row.better]
+    best = min(better or measured, key=lambda v: _gain(v.row(VELOCITY)))
     rows = [best.row(key) for key in (VELOCITY, PREDICTION, AMOTA)]
     counted = rows[2] or best.row(IDS)  # clusters have no AMOTA
     last = _described(counted, "AMOTA" if rows[2] else "identity switches", "")

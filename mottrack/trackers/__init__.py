@@ -1,11 +1,16 @@
 """Trackers: Kalman filter banks on detections, fixed-lag smoothing on clusters.
 
-TRACKERS names every tracker that a configuration can ask for. The fixed-lag tracker is imported
-only when it is asked for, since it needs GTSAM.
+TRACKERS names every tracker that a configuration can ask for. A tracker is imported only when it
+is asked for: the Kalman tracker needs numba, the fixed-lag tracker GTSAM.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from mottrack.core.interfaces import TableEntry
-from mottrack.trackers.kalman import KalmanTracker
+
+if TYPE_CHECKING:
+    from mottrack.trackers.fixed_lag import FixedLagTracker
+    from mottrack.trackers.kalman import KalmanTracker
 
 TRACKERS: dict[str, TableEntry] = {
     "kalman": TableEntry(
@@ -19,4 +24,16 @@ TRACKERS: dict[str, TableEntry] = {
 }
 """Name in a configuration to its class."""
 
-__all__ = ["TRACKERS", "KalmanTracker"]
+__all__ = ["TRACKERS", "FixedLagTracker", "KalmanTracker"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "KalmanTracker":
+        from mottrack.trackers.kalman import KalmanTracker
+
+        return KalmanTracker
+    if name == "FixedLagTracker":
+        from mottrack.trackers.fixed_lag import FixedLagTracker
+
+        return FixedLagTracker
+    raise AttributeError(f"module 'mottrack.trackers' has no attribute '{name}'")

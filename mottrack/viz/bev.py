@@ -14,15 +14,15 @@ from matplotlib.patches import FancyArrow
 from matplotlib.patheffects import withStroke
 
 from mottrack.core.arrays import F32, F64, I64, U8
+from mottrack.core.flow_colour import bold_flow_to_rgb
+from mottrack.core.motion import FULL_COLOUR_MPS, STILL_MPS
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import SECOND_NS, median_period_s
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.viz.colour_wheel import bold_flow_to_rgb, draw_wheel
+from mottrack.viz.colour_wheel import draw_wheel
 
-FULL_COLOUR_MPS = 15.0  # The speed of town traffic
-STILL_MPS = 0.3  # A slower cell is drawn in grey, at rest; chosen by eye
 MOST_POINTS, FEW_POINTS = 40_000, 10_000
 """More than a picture can show; fewer are drawn larger. Chosen by eye."""
 TRUTH_COLOUR, TRACK_COLOUR, POINT_COLOUR, STILL_COLOUR = "#2e9e5b", "#c2410c", "#9ca3af", "#4b5563"

@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw
 from mottrack.core.arrays import F32, U8, Mask
 from mottrack.core.checks import as_array
 from mottrack.core.errors import InputError
+from mottrack.core.flow_colour import bold_flow_to_rgb
 from mottrack.core.pose import Pose
-from mottrack.viz.colour_wheel import bold_flow_to_rgb, wheel_picture
+from mottrack.viz.colour_wheel import wheel_picture
 
 FULL_COLOUR_MPS = 8.0  # Slower than in a flow picture: the map shows that cells move, and where to
 FREE, UNKNOWN, OCCUPIED = 255.0, 160.0, 0.0  # Grey levels

@@ -16,13 +16,14 @@ import numpy as np
 
 from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import ConfigError, InputError
+from mottrack.core.flow_colour import bold_flow_to_rgb
+from mottrack.core.motion import FULL_COLOUR_MPS, STILL_MPS
 from mottrack.core.pose import Pose
 from mottrack.core.result import SceneResult
 from mottrack.core.snapshot import ObjectTable, Snapshot
 from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import TrackTable, TruthTable
-from mottrack.viz.bev import FULL_COLOUR_MPS, STILL_MPS, hulls_of
-from mottrack.viz.colour_wheel import bold_flow_to_rgb
+from mottrack.viz.bev import hulls_of
 
 APPLICATION = "mottrack"
 TRUTH_COLOUR, OBJECT_COLOUR, POINT_COLOUR = (46, 158, 91), (37, 99, 235), (156, 163, 175)

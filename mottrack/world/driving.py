@@ -151,8 +151,9 @@ def _simulate(
             wanted = _acceleration(agents, paths, boxes, i, _State(s[i], v[i], red))
             a[i] = max(wanted, -v[i] / STEP_S)
         if k + 1 < steps:
-            motion.s_m[k + 1] = s + v * STEP_S + 0.5 * a * STEP_S * STEP_S
-            motion.speed_mps[k + 1] = np.maximum(v + a * STEP_S, 0.0)
+            for i in range(n):
+                motion.s_m[k + 1, i] = s[i] + v[i] * STEP_S + 0.5 * a[i] * STEP_S * STEP_S
+                motion.speed_mps[k + 1, i] = max(v[i] + a[i] * STEP_S, 0.0)
 
 
 @compiled

@@ -105,8 +105,10 @@ def _groups(offset_rad: F64) -> I64:
 def _angles(scan: ScanPattern) -> F64:
     """Return (R, 4) cosine and sine of the elevation and of the azimuth offset of each beam."""
     angles = np.empty((len(scan.elevation_rad), 4))
-    angles[:, 0], angles[:, 1] = np.cos(scan.elevation_rad), np.sin(scan.elevation_rad)
-    angles[:, 2], angles[:, 3] = np.cos(scan.offset_rad), np.sin(scan.offset_rad)
+    for ring in range(len(angles)):
+        elevation, offset = scan.elevation_rad[ring], scan.offset_rad[ring]
+        angles[ring, 0], angles[ring, 1] = np.cos(elevation), np.sin(elevation)
+        angles[ring, 2], angles[ring, 3] = np.cos(offset), np.sin(offset)
     return angles
 
 
@@ -135,8 +137,10 @@ def _describe(scene: SceneGeometry) -> F64:
     for p in range(len(table)):
         row, material = table[p], solids.material[p]
         row[_YAW], row[_YAW + 1] = np.cos(solids.yaw_rad[p]), np.sin(solids.yaw_rad[p])
-        row[_HALF : _HALF + 3] = solids.half_m[p]
-        row[_CHAMFER : _CHAMFER + 2] = solids.chamfer_m[p]
+        for axis in range(3):
+            row[_HALF + axis] = solids.half_m[p, axis]
+        for k in range(2):
+            row[_CHAMFER + k] = solids.chamfer_m[p, k]
         row[_KIND], row[_MATERIAL] = solids.kind[p], material
         row[_OPACITY], row[_DENSITY] = (
             materials.opacity[material],

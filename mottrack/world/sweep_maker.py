@@ -143,7 +143,9 @@ def _to_ego(pattern: ScanPattern, points: Points, place_m: F64, world_R_ego: F64
     """Return (N, 3) the reported points in the ego frame at the stamp."""
     out = np.empty((len(points.column), 3))
     rings = np.empty((len(pattern.elevation_rad), 2))
-    rings[:, 0], rings[:, 1] = np.cos(pattern.elevation_rad), np.sin(pattern.elevation_rad)
+    for k in range(len(rings)):
+        elevation = pattern.elevation_rad[k]
+        rings[k, 0], rings[k, 1] = np.cos(elevation), np.sin(elevation)
     rotation, origin, column, ring = pattern.rotation, pattern.origin_m, points.column, points.ring
     for i in range(len(out)):
         c, e = column[i], ring[i]

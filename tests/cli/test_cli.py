@@ -1,13 +1,19 @@
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
-from mottrack.cli import main
+from mottrack import __version__
+from mottrack.cli import app, main
+from mottrack.experiment.experiment import load_experiments
 
 
 def run_cli(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -45,7 +51,7 @@ def test_list_prints_a_summary_of_each_part() -> None:
     assert all(lines.values())
     unknown = run_cli("list", "metrics")
     assert unknown.returncode == 2
-    assert "valid: datasets, flows, objects, trackers" in unknown.stderr
+    assert "valid: configs, datasets, flows, objects, trackers" in unknown.stderr
 
 
 def test_main_turns_a_user_error_into_an_exit_code(
@@ -108,7 +114,62 @@ def test_ctrl_c_stops_all_processes_and_leaves_no_partial_file(
     assert not list(out.rglob("*.part"))
 
 
-def test_every_command_of_runs_has_an_example_in_its_help() -> None:
-    for command in ("run", "compare", "demo", "list", "report", "paper"):
-        shown = run_cli(command, "--help").stdout
-        assert f"Example: mottrack {command} " in shown
+def commands(name: str, command: Any) -> Iterator[tuple[str, Any]]:
+    yield name, command
+    for word, child in getattr(command, "commands", {}).items():
+        yield from commands(f"{name} {word}", child)
+
+
+def test_every_help_has_an_example_and_cuts_nothing_off(capsys: Any) -> None:
+    found = dict(commands("mottrack", get_command(app)))
+    assert {"mottrack config", "mottrack eval kitti"} <= set(found)
+    for name, command in found.items():
+        with pytest.raises(SystemExit):
+            command.main(["--help"], prog_name=name, terminal_width=80)
+        shown = capsys.readouterr().out
+        assert f"Example: {name}" in shown, name
+        assert not re.search(r"\w\.\.\.$", shown, re.MULTILINE), name
+
+
+def test_version() -> None:
+    assert run_cli("--version").stdout == f"mottrack {__version__}\n"
+
+
+def test_a_resolved_configuration_is_one_that_gives_the_same_experiment(tmp_path: Path) -> None:
+    for overrides in (
+        ["flow=icp", "tracker.preset=pillarflow"],
+        ["flow=zero", "tracker=fixed_lag"],
+    ):
+        shown = run_cli("config", "demo", *overrides).stdout
+        (tmp_path / "mine.yaml").write_text(shown)
+        (resolved,) = load_experiments(str(tmp_path / "mine.yaml"))
+        (wanted,) = load_experiments("demo", overrides)
+        assert resolved.hash == wanted.hash
+        assert "# number of scenes" in shown
+
+
+def test_a_path_that_does_not_exist_is_told_as_such(tmp_path: Path) -> None:
+    for arguments in (
+        ["config", "no/such.yaml"],
+        ["report", "no/run"],
+        ["view", "no/run"],
+        ["submit", "no/run", "--out", "x.json"],
+        ["check", "no/data"],
+        ["merge", "no/shard", "--out", str(tmp_path / "out")],
+        ["eval", "capabilities", "no/run", "--out", str(tmp_path / "out")],
+    ):
+        done = run_cli(*arguments)
+        assert done.returncode == 2, arguments
+        assert f"{next(a for a in arguments if a[:3] == 'no/')} does not exist" in done.stderr
+
+
+def test_a_command_starts_within_half_a_second_of_cpu_time() -> None:
+    """CPU time, since the machine may be busy; the shortest of three."""
+    code = "import os, sys; from mottrack.cli import app; sys.argv[1:] = ARGUMENTS\ntry: app()\n"
+    code += "except SystemExit: pass\nprint('cpu', sum(os.times()[:2]))"
+    for arguments in (["--help"], ["list", "flows"], ["cache"], ["eval", "kitti", "--help"]):
+        command = [sys.executable, "-c", code.replace("ARGUMENTS", repr(arguments))]
+        spent = [
+            float(subprocess.check_output(command, text=True).rsplit("cpu", 1)[1]) for _ in range(3)
+        ]
+        assert min(spent) < 0.5, arguments

@@ -11,7 +11,6 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 TEXTS = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^``` ?(\w*|{.*})\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-INCLUDED = re.compile(r'^--8<-- "(.*)"$', re.MULTILINE)
 
 
 def blocks(file: Path, language: str) -> list[str]:
@@ -26,5 +25,5 @@ def names(files: list[Path]) -> list[str]:
 @pytest.fixture
 def page_makers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(REPOSITORY / "docs" / "generate"))
-    for name in ("pieces", "fields", "configuration", "command_line"):
+    for name in ("pieces", "fields", "configuration", "command_line", "python_reference", "write"):
         monkeypatch.delitem(sys.modules, name, raising=False)

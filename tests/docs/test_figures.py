@@ -14,7 +14,7 @@ from .conftest import REPOSITORY, blocks
 PAGE = REPOSITORY / "docs/figures.md"
 PARTS = ("Definition", "Formula", "Source", "Punishes", "Example", "Under stress")
 EVERY = (*TRACKING, *VELOCITY, *FLOW, *PROTOCOLS)
-HEADING = re.compile(r"^## .*\{#(\w+)\}$", re.MULTILINE)
+HEADING = re.compile(r'^<a id="(\w+)"></a>\n\n## .*$', re.MULTILINE)
 
 
 def sections() -> dict[str, str]:

@@ -14,7 +14,7 @@ from mottrack import Pose, Sweep
 from mottrack.experiment.experiment import load_to_stream
 from mottrack.pipeline.scene_run import run_scene
 
-from .conftest import INCLUDED, REPOSITORY, TEXTS, blocks, names
+from .conftest import REPOSITORY, TEXTS, blocks, names
 
 WITH_PYTHON = [file for file in TEXTS if blocks(file, "python")]
 
@@ -83,10 +83,15 @@ def parts(x_m: float) -> Iterator[np.ndarray]:
     yield np.column_stack([rng.uniform(-40, 40, (8000, 2)), rng.normal(0, 0.01, 8000)])
 
 
-def test_included_files_exist() -> None:
-    included = [name for file in TEXTS for name in INCLUDED.findall(file.read_text("utf-8"))]
-    assert "examples/own_flow.py" in included
-    assert all(Path(REPOSITORY / name).is_file() for name in included)
+def test_the_program_of_the_readme_prints_what_was_put_in(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    namespace: dict[str, Any] = {}
+    (code,) = blocks(REPOSITORY / "README.md", "python")
+    assert len([line for line in code.splitlines() if line.strip()]) <= 10
+    exec(code, namespace)  # noqa: S102
+    assert capsys.readouterr().out.startswith("[1 2]")
+    np.testing.assert_allclose(namespace["tracks"].velocity_mps, [[8, 0], [0, 0]], atol=0.1)
 
 
 def test_the_documented_data_set_fulfils_the_protocol() -> None:

@@ -18,7 +18,7 @@ def test_every_plugin_and_every_key_is_documented() -> None:
     page = configuration.page()
     for group, kind in PARTS.items():
         for name, entry in kind.table.items():
-            assert f"### {group}={name} " in page
+            assert f"### {group}={name}\n" in page
             assert entry.summary in page
             for row in fields.rows(configuration.model_of(entry), f"{group}."):
                 assert f"| `{row.key}` |" in page

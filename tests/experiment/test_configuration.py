@@ -153,3 +153,16 @@ def test_an_override_does_not_change_the_defaults() -> None:
 def test_an_empty_sweep_is_refused() -> None:
     with pytest.raises(ConfigError, match="flow is an empty list"):
         compose({**TOY, "flow": []}, [], HERE)
+
+
+def test_a_key_of_one_part_of_a_sweep_is_set_for_that_part_alone() -> None:
+    found = load_experiments("demo", ["flow=zero,icp", "flow.starts=1,6"])
+    assert [(e.title, e.flow.resolved().get("starts")) for e in found] == [
+        ("zero", None),
+        ("icp+starts=1", 1),
+        ("icp+starts=6", 6),
+    ]
+    with pytest.raises(ConfigError, match=r"flow\.strts is not a known key"):
+        load_experiments("demo", ["flow=zero,icp", "flow.strts=1"])
+    with pytest.raises(ConfigError, match=r"flow\.starts is not a known key"):
+        load_experiments("demo", ["flow=zero", "flow.starts=1"])

@@ -30,7 +30,10 @@ class Interrupted:
     def begin(self, _title: str, _scenes: int, todo: int) -> None:
         self.todo = todo
 
-    def frames(self, scene: str, done: int, total: int) -> None:
+    def frames(self, done: object) -> None:
+        pass
+
+    def compiling(self) -> None:
         pass
 
     def scene_ends(self, outcome: Outcome) -> None:

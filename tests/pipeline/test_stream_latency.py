@@ -39,7 +39,8 @@ def test_the_first_run_of_a_stage_counts_as_warm_up() -> None:
     log.add({"flow": 0.02, "flow.ground": 0.01, "tracker": 0.01, "total": 0.03})
     report = log.report()
     assert list(report.stages) == ["flow", "flow.ground", "tracker", "total"]
-    assert (report.steps, report.stages["flow"].steps) == (2, 1)
+    # the second step had no flow: it would make the whole look faster than it is
+    assert (report.steps, report.stages["tracker"].steps) == (1, 1)
     assert report.stages["total"].max_ms == pytest.approx(30.0)
     assert report.over_budget == 0
 

@@ -72,6 +72,8 @@ def test_a_term_has_a_tooltip(page: Page) -> None:
 
 
 def test_slider_and_keys_move_through_the_frames(page: Page) -> None:
+    page.run("document.getElementById('view-0').focus()")
+    page.key("Home", 36)
     first, before = label(page), pixels(page)
     assert first == "frame 1 / 8 · 0.0 s"
     page.run("document.getElementById('slider').focus()")
@@ -103,6 +105,8 @@ def test_scenes_and_runs_are_selected_and_layers_toggled(page: Page) -> None:
 
 
 def test_errors_are_listed_and_stepped_through(page: Page) -> None:
+    page.run("document.getElementById('view-0').focus()")
+    page.key("Home", 36)
     assert page.run("document.getElementById('errors-count').textContent") == (
         "0 in this frame, 2 in the scene"
     )
@@ -114,6 +118,11 @@ def test_errors_are_listed_and_stepped_through(page: Page) -> None:
     page.run("document.querySelector('#error-kinds input').click()")  # misses are deselected
     assert page.run("document.getElementById('error-list').textContent") == "none in this frame"
     assert pixels(page) != before
+
+
+def test_a_scene_opens_where_flow_moves_and_plays_at_the_rate_of_the_data(page: Page) -> None:
+    assert label(page) == "frame 2 / 8 · 0.1 s"  # the first frame has no earlier sweep, so no flow
+    assert page.run("document.getElementById('speed').value") == "1"
 
 
 def test_dark_mode_follows_the_system_until_the_button_is_used(page: Page) -> None:
@@ -133,6 +142,13 @@ def test_nothing_is_wider_than_a_phone_screen(page: Page) -> None:
     page.run("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     assert page.run("document.documentElement.scrollWidth") <= PHONE[0]
     assert page.run("document.getElementById('view-0').clientWidth") > 0.8 * PHONE[0]
+    cut = page.run("""[...document.querySelectorAll('.whiskers td')].filter((td) =>
+        td.getBoundingClientRect().right > innerWidth).length""")
+    assert cut == 0  # the verdict is seen without scrolling
+    # the picture stays while the list of errors is scrolled
+    page.run("document.getElementById('error-list').scrollIntoView({behavior: 'instant'})")
+    seen = page.run("document.getElementById('view-0').getBoundingClientRect().bottom")
+    assert seen > 100
 
 
 def test_every_control_has_a_name_and_is_reachable_by_keyboard(page: Page) -> None:

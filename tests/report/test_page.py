@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from mottrack.core import ConfigError
+from mottrack.experiment.experiment import load_experiments
 from mottrack.report.page import write_report
+from mottrack.report.ranking import report_runs
+from mottrack.report.summary import share
 from mottrack.runs.comparison import Comparison, load_comparison
 from mottrack.runs.velocity_bench import plain_words
 
@@ -106,8 +109,9 @@ def test_scenes_without_truth_are_not_scored(comparison: Comparison, tmp_path: P
     write_report(replace(comparison, runs=tuple(runs)), tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "no truth, so there are no scores" in text
-    assert text.count('<div class="card">') == 1  # time
-    assert 'id="tracking"' not in text
+    assert text.count('<div class="card">') == 1  # latency
+    for section in ("tracking", "velocity", "flow", "differences", "error-classes"):
+        assert f'id="{section}"' not in text
 
 
 def test_the_first_card_says_what_flow_was_worth(comparison: Comparison, tmp_path: Path) -> None:
@@ -118,3 +122,57 @@ def test_the_first_card_says_what_flow_was_worth(comparison: Comparison, tmp_pat
     assert "What flow was worth" in first
     for line in plain_words(comparison.flow_values):
         assert html.escape(line) in first
+
+
+def test_only_significant_differences_are_coloured(comparison: Comparison, tmp_path: Path) -> None:
+    """The interval decides, not which value is larger."""
+
+    def written(low: float, high: float) -> str:
+        differences = tuple(
+            replace(d, rows=tuple(replace(r, low=low, high=high) for r in d.rows))
+            for d in comparison.differences
+        )
+        path = tmp_path / "report.html"
+        write_report(replace(comparison, differences=differences), path)
+        return path.read_text()
+
+    unsure = written(-1.0, 1.0)
+    assert "no significant difference in any metric" in unsure
+    assert not re.search(r'class="(is-)?(better|worse)', unsure)
+    assert "is significantly" in written(0.5, 1.0)
+
+
+def test_the_better_run_has_the_longer_bar_whatever_the_direction() -> None:
+    assert share(0.2, 0.0, 1.0) > share(0.9, 0.0, 1.0) > 0.0  # errors
+    assert share(0.8, 1.0, 0.0) > share(0.7, 1.0, 0.0)  # accuracies
+    assert share(-0.309, 1.0, -0.331) > share(-0.331, 1.0, -0.331) > 0.0  # a negative MOTA
+    assert share(math.nan, 0.0, 1.0) == 0.0
+    assert share(0.0, 0.0, 0.0) == 1.0
+
+
+def test_equal_runs_are_shown_once(comparison: Comparison, tmp_path: Path) -> None:
+    first, second = comparison.runs
+    twin = replace(first, experiment=replace(first.experiment, variant="twin"))
+    shown = report_runs([first, twin, second])
+    assert [(run.title, run.same) for run in shown] == [
+        (first.title, ("twin",)),
+        (second.title, ()),
+    ]
+    write_report(replace(comparison, runs=(first, twin, second)), tmp_path / "report.html")
+    assert "= twin" in (tmp_path / "report.html").read_text()
+
+
+def test_a_flow_source_keeps_its_colour(comparison: Comparison) -> None:
+    first, second = comparison.runs
+    colours = {run.title: run.colour for run in report_runs([second, first])}
+    assert colours == {run.title: run.colour for run in report_runs([first, second])}
+
+
+def test_the_title_is_that_of_the_data(tmp_path: Path) -> None:
+    data = f"dataset={{kind: folder, root: {tmp_path / 'my_logs'}}}"
+    (own,) = load_experiments("demo", [data, "flow=zero"])
+    assert own.name == "folder: my_logs"
+    (named,) = load_experiments("demo", [data, "flow=zero", "name=Mondays"])
+    assert named.name == "Mondays"
+    (shipped,) = load_experiments("demo", ["flow=zero", "dataset.seed=3"])
+    assert shipped.name == "Embedded world, flow sources compared"

@@ -1,4 +1,3 @@
-import io
 import json
 import multiprocessing
 import shutil
@@ -7,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from mottrack.core import ConfigError, DataError
 from mottrack.core.snapshot import load_snapshots
@@ -22,7 +20,7 @@ from mottrack.runs.local_pool import LocalPool, _Pool, _Worker
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, run_experiment
 from mottrack.runs.tasks import Task
-from mottrack.runs.terminal import print_comparison
+from mottrack.runs.terminal import closing_text, comparison_text
 from tests.datasets.makers import embedded_scenes, write_own_log
 
 HERE = Path("experiment.yaml")
@@ -218,9 +216,10 @@ def test_a_run_reports_its_latency(tmp_path: Path, progress) -> None:
     assert 10 <= report.steps <= 14  # of 2 x 8 steps those in which no stage ran first
     table = {t.name: t for t in comparison_tables(comparison)}["latency"]
     assert [row[1] for row in table.rows][-1] == "total"
-    shown = io.StringIO()
-    print_comparison(comparison, Console(file=shown, width=140))
-    assert f"of {report.steps} steps over it" in shown.getvalue()
+    assert f"/{report.steps}" in "\n".join(comparison_text(comparison, 80))
+    assert f"of {report.steps} steps over it" in "\n".join(
+        comparison_text(comparison, 80, full=True)
+    )
     assert load_comparison(tmp_path).runs[0].latency == report
 
 
@@ -253,6 +252,4 @@ def test_what_a_reader_left_out_is_told_again_by_the_run(tmp_path: Path, progres
     (run,) = comparison.runs
     assert not comparison.failed
     assert any("sweeps that are missing or empty: 1 in 1 scene" in text for text in run.concerns)
-    shown = io.StringIO()
-    print_comparison(comparison, Console(file=shown, width=300))
-    assert "sweeps that are missing or empty" in shown.getvalue()
+    assert "sweeps that are missing or empty" in "\n".join(closing_text(comparison))

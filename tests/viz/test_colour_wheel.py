@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mottrack.viz.colour_wheel import colour_wheel, flow_to_rgb
+from mottrack.core.flow_colour import colour_wheel, flow_to_rgb
 
 
 def test_the_wheel_has_the_published_colours() -> None:

@@ -190,7 +190,8 @@ def _embed(descriptors: F32, cells: I64, weight: F32, bias: F32, image: F32) -> 
     channels = len(bias)
     embedded = np.empty(channels, np.float32)
     for i in range(len(cells)):
-        embedded[:] = bias
+        for c in range(channels):
+            embedded[c] = bias[c]
         for d in range(descriptors.shape[1]):
             value = descriptors[i, d]
             for c in range(channels):

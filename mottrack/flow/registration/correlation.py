@@ -73,7 +73,8 @@ def correlate_all(
             stride = max((spans[k + 1] - spans[k]) // search.max_points, 1)
             compared = np.ascontiguousarray(cells[spans[k] : spans[k + 1] : stride])
             found = _correlate(distance, compared, search)
-            starts[filled : filled + len(found)] = found
+            for i in range(len(found)):
+                starts[filled + i, 0], starts[filled + i, 1] = found[i, 0], found[i, 1]
             filled += len(found)
         start_spans[k + 1] = filled
     return starts[:filled].copy(), start_spans

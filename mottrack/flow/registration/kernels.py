@@ -124,7 +124,9 @@ def hypothesis_cost(
 
 @compiled
 def _unseen(image: RangeImage, x_m: float, y_m: float, z_m: float) -> bool:
-    return state_at(image, x_m, y_m, z_m, _TOLERANCE_M) == UNSEEN
+    # one specialisation of state_at for places of either precision: it computes in double anyway
+    place = np.float64(x_m), np.float64(y_m), np.float64(z_m)
+    return state_at(image, place[0], place[1], place[2], _TOLERANCE_M) == UNSEEN
 
 
 @compiled
@@ -247,13 +249,16 @@ def match_components(
         if points < limits.min_points or (cost_m < limits.search_above_m and len(given) == 0):
             continue
         candidates = np.zeros((len(given) + 1, 2))
-        candidates[1:] = given
+        for i in range(len(given)):
+            candidates[i + 1, 0], candidates[i + 1, 1] = given[i, 0], given[i, 1]
         component = _compared(components, k, limits.max_points)
         motion, cost = _best_shift(scene, component, candidates, zero_motion[k], limits.longest_m)
         if cost < _REFINED_BELOW * cost_m:
             motion, cost = _refine_locally(scene, component, motion, cost, limits.max_turn_rad)
             result[k, 6] = _significance(scene, component.points_m, motion)
-        result[k, :5], result[k, 5] = motion, cost
+        for i in range(len(motion)):
+            result[k, i] = motion[i]
+        result[k, 5] = cost
     return result
 
 

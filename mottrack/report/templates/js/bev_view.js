@@ -18,12 +18,14 @@ const palette = () => (theme.dark ? DARK : LIGHT);
 const TRAIL_S = 3, STILL_MPS = 0.3, RING_M = 20, FIRST_REACH_M = 42;
 
 class BevView {
-  constructor(canvas, recording, frame, view) {
+  // `colour`: of the run's tracks; `ahead`: seconds since the key frame, by which the picture is moved on.
+  constructor(canvas, recording, frame, view, { colour, ahead = 0 } = {}) {
     this.draw = canvas.getContext("2d");
     this.recording = recording;
     this.frame = frame;
     this.view = view;
-    this.colours = palette();
+    this.colours = { ...palette(), ...(colour && { tracks: colour, velocities: colour, trails: colour, ids: colour }) };
+    this.ahead = ahead;
     const ratio = devicePixelRatio || 1;
     this.width = canvas.clientWidth;
     this.height = canvas.clientHeight;
@@ -31,7 +33,8 @@ class BevView {
     if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
     this.draw.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.scale = scaleOf(view, this.width, this.height);
-    const { x, y, yaw } = recording.pose(frame);
+    this.still = recording.pose(frame);
+    const { x, y, yaw } = recording.poseAhead(frame, ahead);
     Object.assign(this, { egoX: x, egoY: y, egoYaw: yaw, cos: Math.cos(yaw), sin: Math.sin(yaw) });
   }
 
@@ -43,6 +46,18 @@ class BevView {
   }
 
   world(x, y) { return this.screen(...this.ego(x, y)); }
+
+  // Points and cells are in the ego frame of their key frame, from which the vehicle has moved on.
+  own(x, y) {
+    if (!this.ahead) return this.screen(x, y);
+    const { x: ex, y: ey, yaw } = this.still, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    return this.world(ex + c * x - s * y, ey + s * x + c * y);
+  }
+
+  moved(box) {
+    if (!this.ahead || box.vx === null) return box;
+    return { ...box, x: box.x + this.ahead * box.vx, y: box.y + this.ahead * box.vy };
+  }
 
   // `errors`: the types that are shown and the selected error.
   paint(layers, errors) {
@@ -84,7 +99,7 @@ class BevView {
     this.draw.fillStyle = this.colours.points;
     this.draw.globalAlpha = 0.55;
     for (let k = first; k < end; k++) {
-      const [x, y] = this.screen(points_x[k] / 100, points_y[k] / 100);
+      const [x, y] = this.own(points_x[k] / 100, points_y[k] / 100);
       this.draw.fillRect(x - size / 2, y - size / 2, size, size);
     }
     this.draw.globalAlpha = 1;
@@ -97,7 +112,7 @@ class BevView {
     const [first, end] = this.recording.rows("cells", this.frame);
     const side = Math.max(cell * this.scale, 1.6);
     for (let k = first; k < end; k++) {
-      const [x, y] = this.screen(left + cells_column[k] * cell, bottom + (cells_row[k] + 1) * cell);
+      const [x, y] = this.own(left + cells_column[k] * cell, bottom + (cells_row[k] + 1) * cell);
       const [vx, vy] = [cells_vx[k] / 100, cells_vy[k] / 100];
       const still = cells_vx[k] === UNMEASURED || Math.hypot(vx, vy) <= STILL_MPS;
       this.draw.fillStyle = still ? this.colours.still : vivid(vx, vy);
@@ -116,18 +131,21 @@ class BevView {
   trails() {
     this.draw.strokeStyle = this.colours.trails;
     this.draw.lineWidth = 1.5;
+    this.draw.globalAlpha = 0.55;
     for (const places of this.recording.trails(this.frame, TRAIL_S).values()) {
       this.draw.beginPath();
       places.forEach(([x, y], k) => this.draw[k ? "lineTo" : "moveTo"](...this.world(x, y)));
       this.draw.stroke();
     }
+    this.draw.globalAlpha = 1;
   }
 
   outlines(name, width, dash = [], wanted = () => true) {
     this.draw.strokeStyle = this.colours[name];
     this.draw.lineWidth = width;
-    for (const box of this.recording.boxes(name, this.frame).filter(wanted)) {
-      const hull = name === "tracks" ? this.recording.hull(box) : [];
+    for (const found of this.recording.boxes(name, this.frame).filter(wanted)) {
+      const box = this.moved(found), [dx, dy] = [box.x - found.x, box.y - found.y];
+      const hull = (name === "tracks" ? this.recording.hull(found) : []).map(([x, y]) => [x + dx, y + dy]);
       this.draw.setLineDash(box.coasting || box.unseen ? [4, 3] : dash);
       this.draw.globalAlpha = box.unseen ? 0.4 : 1;
       this.path((hull.length >= 3 ? hull : corners(box)).map(([x, y]) => this.world(x, y)));
@@ -150,7 +168,7 @@ class BevView {
   velocities() {
     this.draw.strokeStyle = this.draw.fillStyle = this.colours.velocities;
     this.draw.lineWidth = 1.6;
-    for (const { x, y, vx, vy } of this.recording.boxes("tracks", this.frame)) {
+    for (const { x, y, vx, vy } of this.recording.boxes("tracks", this.frame).map((b) => this.moved(b))) {
       if (vx === null || Math.hypot(vx, vy) < STILL_MPS) continue;
       this.arrow(this.world(x, y), this.world(x + vx, y + vy));
     }
@@ -171,7 +189,7 @@ class BevView {
     this.draw.lineWidth = 3;
     this.draw.strokeStyle = this.colours.ground;
     this.draw.fillStyle = this.colours.ids;
-    for (const { x, y, id } of this.recording.boxes("tracks", this.frame)) {
+    for (const { x, y, id } of this.recording.boxes("tracks", this.frame).map((b) => this.moved(b))) {
       const [a, b] = this.world(x, y);
       this.draw.strokeText(String(id), a + 5, b - 5);
       this.draw.fillText(String(id), a + 5, b - 5);

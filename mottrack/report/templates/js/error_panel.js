@@ -13,17 +13,22 @@ class ErrorPanel {
     this.title = document.getElementById("errors-title");
     this.list = document.getElementById("error-list");
     this.strip = document.getElementById("strip");
+    this.boxes = new Map();
     for (const { kind, many } of KINDS) {
       const box = html("input", { type: "checkbox", checked: true });
       box.addEventListener("change", () => {
         box.checked ? this.wanted.add(kind) : this.wanted.delete(kind);
         this.onFilter();
       });
+      this.boxes.set(kind, box);
       document.getElementById("error-kinds").append(html("label", {}, box, many));
     }
     document.getElementById("error-next").addEventListener("click", () => this.step(1));
     document.getElementById("error-before").addEventListener("click", () => this.step(-1));
   }
+
+  // Clusters have no class: each wall and bush is a false positive, which tells nothing.
+  preset() { this.boxes.get("false positive").click(); }
 
   get errors() { return this.recording.errors.filter((error) => this.wanted.has(error.kind)); }
 

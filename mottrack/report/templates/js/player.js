@@ -1,5 +1,9 @@
 // Plays the key frames of a scene for one run, or for two side by side.
 const NONE = "none";
+const SMOOTH_S = 0.15; // key frames further apart than those of a 10 Hz sensor are joined by a moving picture
+const ACTION_M = 40, MARGIN_M = 8; // what is further away is not fitted; free space around what is
+const TRACK_LAYERS = new Set(["tracks", "trails", "velocities", "ids"]);
+const colourOf = (run) => data.runs[run]?.colour ?? 0; // no second run: its dot is not shown
 
 class Player {
   constructor(scenes) {
@@ -10,6 +14,9 @@ class Player {
     this.view = { x: 0, y: 0, zoom: 1 };
     this.frame = 0;
     this.timer = null;
+    this.ahead = 0;
+    this.opened = null;
+    this.swatches = [];
     this.layers = Object.fromEntries(LAYERS.map(({ key, on }) => [key, on]));
     this.errors = new ErrorPanel({ onChoose: (error) => this.visit(error), onFilter: () => this.show(this.frame) });
     this.by.scene.append(...scenes.map(({ name }, k) => new Option(name, k)));
@@ -26,7 +33,8 @@ class Player {
     for (const { key, name, style } of LAYERS) {
       const box = html("input", { type: "checkbox", checked: this.layers[key] });
       const swatch = html("i", { className: style });
-      const paintSwatch = () => swatch.style.setProperty("--k", palette()[key]);
+      const paintSwatch = () => swatch.style.setProperty("--k", TRACK_LAYERS.has(key) ? runColour(colourOf(this.by["run-0"].value || 0)) : palette()[key]);
+      this.swatches.push(paintSwatch);
       box.addEventListener("change", () => { this.layers[key] = box.checked; this.draw(); });
       theme.listeners.push(paintSwatch);
       paintSwatch();
@@ -59,20 +67,39 @@ class Player {
     this.by.views.classList.toggle("two", second !== null);
     wanted.forEach((run, k) => this.nameRun(run, k));
     this.by.slider.max = first.frames - 1;
+    this.swatches.forEach((paint) => paint());
+    if (this.opened === null && this.scenes[scene].runs.some(({ index, clusters }) => index === Number(wanted[0]) && clusters)) this.errors.preset();
+    if (this.opened !== scene) this.open(first);
+    this.opened = scene;
     this.show(Math.min(this.frame, first.frames - 1));
+  }
+
+  // Shows a scene first where most moves, with what moves in the picture.
+  open(recording) {
+    this.frame = recording.liveliest();
+    const truth = recording.boxes("truth", this.frame);
+    const boxes = truth.length ? truth : recording.boxes("tracks", this.frame);
+    const bev = new BevView(this.canvases[0], recording, this.frame, this.view);
+    const places = boxes.filter(({ vx, vy }) => vx !== null && Math.hypot(vx, vy) > MOVING_MPS).map(({ x, y }) => bev.ego(x, y)).filter(([x, y]) => Math.hypot(x, y) < ACTION_M);
+    if (!places.length) return;
+    const [left, right] = extent([0, ...places.map(([x]) => x)]), [low, high] = extent([0, ...places.map(([, y]) => y)]);
+    const half = Math.min(bev.width, bev.height) / 2;
+    const reach = Math.max((right - left + 2 * MARGIN_M) * half / bev.width, (high - low + 2 * MARGIN_M) * half / bev.height);
+    this.view = { x: (left + right) / 2, y: (low + high) / 2, zoom: Math.max(0.5, Math.min(2.5, FIRST_REACH_M / reach)) };
   }
 
   nameRun(run, k) {
     const label = document.getElementById(`name-${k}`);
     const title = this.by[`run-${k}`].selectedOptions[0].textContent;
     const dot = html("span", { className: "dot" });
-    dot.style.setProperty("--c", `var(--run-${run % 8})`);
+    dot.style.setProperty("--c", `var(--run-${colourOf(run)})`);
     label.replaceChildren(...(run === NONE ? [] : [dot, title]));
     this.canvases[k].setAttribute("aria-label", `Bird's-eye view of scene ${this.by.scene.selectedOptions[0].textContent}, run ${title}`);
   }
 
   show(frame) {
     this.frame = frame;
+    this.ahead = 0;
     const { seconds, frames, all_frames } = this.recording.shared;
     const left = all_frames > frames ? ` (of ${all_frames})` : "";
     const text = `frame ${frame + 1} / ${frames}${left} · ${seconds[frame].toFixed(1)} s`;
@@ -88,9 +115,11 @@ class Player {
     this.panes.forEach((recording, k) => {
       if (!recording) return;
       const frame = Math.min(this.frame, recording.frames - 1);
-      new BevView(this.canvases[k], recording, frame, this.view).paint(this.layers, this.errors);
+      new BevView(this.canvases[k], recording, frame, this.view, { colour: this.colour(k), ahead: this.ahead }).paint(this.layers, this.errors);
     });
   }
+
+  colour(k) { return runColour(colourOf(this.by[`run-${k}`].value)); }
 
   move(frames) {
     this.pause();
@@ -103,19 +132,29 @@ class Player {
     if (this.frame >= this.recording.frames - 1) this.show(0);
     this.by.play.textContent = "❚❚";
     this.by.play.setAttribute("aria-label", "Pause");
-    this.waitForNext();
+    this.last = null;
+    this.timer = requestAnimationFrame((now) => this.tick(now));
   }
 
-  waitForNext() {
+  // Plays at the rate of the data; between key frames that are far apart the picture moves on.
+  tick(now) {
     const { seconds } = this.recording.shared;
-    if (this.frame >= this.recording.frames - 1) { this.pause(); return; }
-    const wait = (seconds[this.frame + 1] - seconds[this.frame]) / Number(this.by.speed.value);
-    this.timer = setTimeout(() => { this.show(this.frame + 1); this.waitForNext(); }, 1000 * wait);
+    this.ahead += this.last === null ? 0 : Number(this.by.speed.value) * (now - this.last) / 1000;
+    this.last = now;
+    let frame = this.frame, since = this.ahead;
+    const period = () => seconds[frame + 1] - seconds[frame];
+    while (frame + 1 < this.recording.frames && since >= period()) { since -= period(); frame++; }
+    if (frame + 1 >= this.recording.frames) { this.pause(); this.show(frame); return; }
+    if (frame !== this.frame) this.show(frame);
+    this.ahead = since;
+    if (period() > SMOOTH_S && !matchMedia("(prefers-reduced-motion: reduce)").matches) this.draw();
+    this.timer = requestAnimationFrame((later) => this.tick(later));
   }
 
   pause() {
-    clearTimeout(this.timer);
+    cancelAnimationFrame(this.timer);
     this.timer = null;
+    if (this.ahead) { this.ahead = 0; this.draw(); }
     this.by.play.textContent = "▶";
     this.by.play.setAttribute("aria-label", "Play");
   }
@@ -219,7 +258,7 @@ class Player {
   // Shows label, score and speed of the boxes under the pointer.
   describe(canvas, k, event) {
     const recording = this.panes[k], box = canvas.getBoundingClientRect();
-    const bev = new BevView(canvas, recording, Math.min(this.frame, recording.frames - 1), this.view);
+    const bev = new BevView(canvas, recording, Math.min(this.frame, recording.frames - 1), this.view, { colour: this.colour(k) });
     const at = [event.clientX - box.left, event.clientY - box.top];
     const near = (name) => nearest(recording.boxes(name, bev.frame), (b) => bev.world(b.x, b.y), at);
     const lines = [
@@ -231,6 +270,8 @@ class Player {
     document.getElementById(`facts-${k}`).textContent = lines.filter(Boolean).join("\n");
   }
 }
+
+const extent = (values) => [Math.min(...values), Math.max(...values)];
 
 function nearest(boxes, place, [x, y], reach = 22) {
   let best = null, least = reach;

@@ -34,7 +34,7 @@ class Plots {
   fillSwitches(holder) {
     for (const run of this.runs) {
       const dot = html("span", { className: "dot" });
-      dot.style.setProperty("--c", `var(--run-${run.index % 8})`);
+      dot.style.setProperty("--c", `var(--run-${run.colour})`);
       const button = html("button", { type: "button", className: "chip" }, dot, run.title);
       button.dataset.run = run.index;
       button.addEventListener("click", () => {
@@ -55,7 +55,7 @@ class Plots {
   }
 
   line(run, points) {
-    return { name: run.title, colour: runColour(run.index), dashed: run.oracle, points };
+    return { name: run.title, colour: runColour(run.colour), dashed: run.oracle, points };
   }
 
   drawCurves() {

@@ -1,6 +1,8 @@
 // Decodes the scenes that player_data.py packed, and gives access to their key frames.
 const ARRAYS = { i1: Int8Array, u1: Uint8Array, i2: Int16Array, u2: Uint16Array, i4: Int32Array, u4: Uint32Array, f8: Float64Array };
 const UNMEASURED = -32768;
+const LIVELY_SHARE = 0.7; // of the most moving cells: earlier frames leave more to play
+const MOVING_MPS = 0.5; // walking pace and above: noise of resting cells stays below
 
 async function unpack(text) {
   const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -50,6 +52,27 @@ class Recording {
   pose(frame) {
     const { pose_x, pose_y, pose_yaw } = this.shared.columns;
     return { x: pose_x[frame] / 100, y: pose_y[frame] / 100, yaw: pose_yaw[frame] / 1e4 };
+  }
+
+  // The pose some seconds after a key frame, on the way to the next one.
+  poseAhead(frame, ahead) {
+    const here = this.pose(frame), { seconds } = this.shared;
+    if (!ahead || frame + 1 >= this.frames) return here;
+    const next = this.pose(frame + 1), part = Math.min(ahead / (seconds[frame + 1] - seconds[frame]), 1);
+    const turn = Math.atan2(Math.sin(next.yaw - here.yaw), Math.cos(next.yaw - here.yaw));
+    return { x: here.x + part * (next.x - here.x), y: here.y + part * (next.y - here.y), yaw: here.yaw + part * turn };
+  }
+
+  // The first key frame in which nearly as many cells move as ever: what a viewer wants to see first.
+  liveliest() {
+    const { cells_vx, cells_vy } = this.run.columns;
+    const moving = Array.from({ length: this.frames }, (_, frame) => {
+      const [first, end] = this.rows("cells", frame);
+      let count = 0;
+      for (let k = first; k < end; k++) count += cells_vx[k] !== UNMEASURED && Math.hypot(cells_vx[k], cells_vy[k]) > 100 * MOVING_MPS;
+      return count;
+    });
+    return moving.findIndex((count) => count >= LIVELY_SHARE * Math.max(...moving));
   }
 
   rows(name, frame) { return [this.edges[name][frame], this.edges[name][frame + 1]]; }

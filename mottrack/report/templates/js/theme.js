@@ -35,4 +35,4 @@ function remember(key, value) {
 }
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-const runColour = (index) => css(`--run-${index % 8}`);
+const runColour = (number) => css(`--run-${number}`);
