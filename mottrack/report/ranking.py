@@ -10,6 +10,7 @@ from mottrack.eval.metric_info import MetricInfo
 from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.runs.comparison import ScoredRun
 from mottrack.runs.differences import RunDifferences
+from mottrack.runs.equal_runs import equal_runs
 
 NAN = float("nan")
 NO_FLOW = "zero"
@@ -39,7 +40,7 @@ class ReportRun:
     colour: int = 0
     """Number of its colour."""
     same: tuple[str, ...] = ()
-    """Titles of runs with the same figures, which are not shown apart."""
+    """Titles of runs with the same tracks, which are not shown apart."""
 
     @property
     def title(self) -> str:
@@ -68,21 +69,18 @@ class ReportRun:
 
 
 def report_runs(scored: Sequence[ScoredRun]) -> list[ReportRun]:
-    """Give each run its colour; of runs with equal figures only the first is shown."""
-    shown: list[ReportRun] = []
+    """Give each run its colour; of runs with equal tracks only the first is shown."""
+    shown: dict[str, ReportRun] = {}
+    equal = equal_runs(scored)
     for run in scored:
-        twin = next((r for r in shown if r.has_truth and _equal(r.scored, run)), None)
+        twin = shown.get(equal.get(run.title, ""))
         if twin is None:
-            shown.append(ReportRun(len(shown), run, _colour(run, [r.colour for r in shown])))
+            colour = _colour(run, [r.colour for r in shown.values()])
+            shown[run.title] = ReportRun(len(shown), run, colour)
         else:
             same = (*twin.same, run.title)
-            shown[twin.index] = ReportRun(twin.index, twin.scored, twin.colour, same)
-    return shown
-
-
-def _equal(one: ScoredRun, other: ScoredRun) -> bool:
-    same_kind = one.given_truth == other.given_truth and one.dataset == other.dataset
-    return same_kind and one.scores.as_dict() == other.scores.as_dict()
+            shown[twin.title] = ReportRun(twin.index, twin.scored, twin.colour, same)
+    return list(shown.values())
 
 
 def _colour(run: ScoredRun, taken: Sequence[int]) -> int:

@@ -17,6 +17,7 @@ from mottrack.experiment.stored import stored_experiment
 from mottrack.formats.files import read_bytes
 from mottrack.formats.json_text import parse_json
 from mottrack.runs.differences import RunDifferences, check_baseline, find_differences
+from mottrack.runs.equal_runs import equal_runs
 from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
@@ -51,6 +52,11 @@ class Comparison:
     def flow_values(self) -> list[FlowValue]:
         """What each flow source was worth beside no flow."""
         return flow_values(self.runs)
+
+    @cached_property
+    def equal(self) -> dict[str, str]:
+        """The title of each run whose tracks are those of an earlier one, and of that one."""
+        return equal_runs(self.runs)
 
     @property
     def failed(self) -> dict[str, str]:

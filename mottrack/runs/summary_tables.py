@@ -36,16 +36,21 @@ LATENCY = (
 
 
 def summary_tables(comparison: Comparison) -> list[TextTable]:
-    """Return the main tables; velocity and flow come first where clusters are tracked."""
+    """Return the main tables; velocity and flow come first where clusters are tracked.
+
+    Runs of equal tracks are shown once.
+    """
     runs = [run for run in comparison.runs if run.finished]
     if not runs:
         return []
-    tracking, velocity, flow = _tracking(runs), _velocity(runs), _flow(runs)
+    different = [run for run in runs if run.title not in comparison.equal]
+    tracking, velocity, flow = _tracking(different), _velocity(different), _flow(runs)
     clusters = all(run.scores.overall.amota != run.scores.overall.amota for run in runs)
     scored = [velocity, flow, tracking] if clusters else [tracking, velocity, flow]
     if not any(run.has_truth for run in runs):
         return [_latency(runs)]
-    tables = [*scored, _latency(runs), *_differences(comparison.differences)]
+    parts = [part for part in comparison.differences if part.run not in comparison.equal]
+    tables = [*scored, _latency(runs), *_differences(parts)]
     return [table for table in tables if table.rows]
 
 

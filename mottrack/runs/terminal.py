@@ -10,6 +10,7 @@ from mottrack.formats.text_table import fitted
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.comparison_tables import comparison_tables
 from mottrack.runs.conclusion import conclusion
+from mottrack.runs.equal_runs import told
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.summary_tables import summary_tables
 from mottrack.runs.velocity_bench import plain_words
@@ -35,6 +36,8 @@ def closing_text(comparison: Comparison) -> Iterator[str]:
     for run in comparison.runs:
         for text in run.concerns if run.finished else ():
             yield printable(f"warning {run.title}: {text}")
+    for text in told(comparison.runs, comparison.equal):
+        yield printable(f"equal: {text}")
     for name, reason in comparison.failed.items():
         yield printable(f"failed {name}: {reason}")
     yield f"figures: {comparison.out / 'scores.json'}"

@@ -18,7 +18,7 @@ from mottrack.eval.paired import draw
 from mottrack.eval.run_metrics import OFFICIAL, Resampling, run_metrics
 from mottrack.eval.scores import ScoreConfig
 from mottrack.eval.velocity_error import velocity_samples, velocity_table
-from mottrack.experiment.experiment import compose
+from mottrack.experiment.experiment import compose, load_experiments
 from mottrack.report.page import write_report
 from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables, significance
@@ -28,6 +28,7 @@ from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.tasks import Progress
+from mottrack.runs.terminal import closing_text, comparison_text
 from mottrack.runs.velocity_bench import VELOCITY, flow_values, plain_words
 
 TREE = {
@@ -178,3 +179,22 @@ def test_what_flow_was_worth_is_tabulated_and_told(comparison: Comparison) -> No
     assert "no share" in lines[2]
     assert "AMOTA" in lines[2]
     assert flow_values(comparison.runs[1:]) == []  # nothing to compare with
+
+
+def test_runs_of_a_tracker_that_ignores_the_flow_are_shown_once(
+    tmp_path: Path, progress: Progress
+) -> None:
+    world = ["dataset.scenes=2", "dataset.duration_s=1.5", "objects=detections"]
+    experiments = load_experiments(
+        "demo", [*world, "flow=zero,cluster_icp", "tracker=stanford_iprl_tri"]
+    )
+    comparison = run_comparison(
+        experiments, tmp_path, execution=Execution(LocalPool(1)), progress=progress
+    )
+    assert comparison.equal == {"cluster_icp": "zero"}
+    text = "\n".join([*comparison_text(comparison, 100), *closing_text(comparison)])
+    assert "equal: the tracks of cluster_icp equal those of zero; its tracker ignores" in text
+    tracking = text[text.index("Tracking") : text.index("Velocity error")]
+    assert "zero" in tracking
+    assert "cluster_icp" not in tracking
+    assert "cluster_icp" in text[text.index("Flow error") :]
