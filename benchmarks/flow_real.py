@@ -25,6 +25,7 @@ from mottrack.core.arrays import Floats
 from mottrack.core.errors import MottrackError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSource, FrameObserver
+from mottrack.core.motion import MOVING_MPS
 from mottrack.flow.cluster_icp import ClusterIcpFlow
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.flow.icp import IcpConfig, IcpFlow
@@ -36,8 +37,6 @@ from mottrack.flow.pillarflow.source import (
 )
 from mottrack.flow.zero import ZeroFlow
 
-DYNAMIC_MPS = 0.5
-"""A faster cell is dynamic, as everywhere in the flow scores."""
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 ROWS: dict[str, Callable[[BevGrid], FlowSource]] = {
     "zero": lambda grid: ZeroFlow(grid=grid),
@@ -60,12 +59,12 @@ def scores(estimate_mps: Floats, truth_mps: Floats) -> dict[str, float]:
     """Score (C, 2) estimates against (C, 2) truths, both in m/s."""
     error = np.hypot(*(estimate_mps - truth_mps).T)
     speed = np.hypot(*estimate_mps.T)
-    dynamic = np.hypot(*truth_mps.T) > DYNAMIC_MPS
+    dynamic = np.hypot(*truth_mps.T) > MOVING_MPS
     return {
         "dyn_rmse": float(np.sqrt(np.mean(error[dynamic] ** 2))),
         "dyn_median": float(np.median(error[dynamic])),
         "within_1_%": float(100 * np.mean(error[dynamic] < 1)),
-        "seen_moving_%": float(100 * np.mean(speed[dynamic] > DYNAMIC_MPS)),
+        "seen_moving_%": float(100 * np.mean(speed[dynamic] > MOVING_MPS)),
         "static_rmse": float(np.sqrt(np.mean(error[~dynamic] ** 2))),
         "static>.5_%": float(100 * np.mean(speed[~dynamic] > 0.5)),
         "static>1_%": float(100 * np.mean(speed[~dynamic] > 1.0)),

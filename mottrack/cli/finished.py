@@ -27,6 +27,7 @@ def show_comparison(comparison: Comparison, talk: Talk = MAIN_FIGURES) -> None:
     from mottrack.formats.text_table import write_tables
     from mottrack.report.page import write_report
     from mottrack.runs.comparison_tables import comparison_tables
+    from mottrack.runs.conclusion import conclusion
     from mottrack.runs.terminal import closing_text, comparison_text
 
     write_tables(comparison_tables(comparison), comparison.out / "tables")
@@ -36,8 +37,8 @@ def show_comparison(comparison: Comparison, talk: Talk = MAIN_FIGURES) -> None:
             typer.echo(text)
     if any(run.finished for run in comparison.runs):
         write_report(comparison, comparison.out / "report.html")
-    lines = list(closing_text(comparison))
-    for line in lines[-1:] if talk.quiet and not comparison.failed else lines:
+    brief = talk.quiet and not comparison.failed
+    for line in [conclusion(comparison)] if brief else closing_text(comparison):
         typer.echo(line)
     if comparison.failed:
         raise typer.Exit(EXIT_SCENES_FAILED)

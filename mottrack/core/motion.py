@@ -44,6 +44,9 @@ PINV_CUTOFF = 1e-14
 """Eigenvalues of A + B below this share of the largest are zero: above the rounding of float64
 (2e-16), below 1e-12, the share of a radial variance of 1e-6 (m/s)^2 beside `UNSEEN_M2PS2`."""
 
+MOVING_MPS = 0.5
+"""A faster object, cell or point moves: annotated tracks of parked cars move by up to 0.3 m/s."""
+
 
 @dataclass(frozen=True, slots=True)
 class FlowField:

@@ -18,7 +18,7 @@ from mottrack.core.storage import read_arrays, write_arrays
 from mottrack.core.sweep import SECOND_NS
 from mottrack.core.tables import FlowSamples, FrameTable, Table, TrackTable, TruthTable
 
-FORMAT = "mottrack scene result 3"
+FORMAT = "mottrack scene result 4"
 TABLES: dict[str, type[Table]] = {
     "frames": FrameTable,
     "truth": TruthTable,

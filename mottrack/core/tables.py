@@ -213,6 +213,7 @@ class FlowSamples(Table):
         "dt_s": Column(np.float32),
         "valid": Column(np.bool_),
         "dynamic": Column(np.bool_),
+        "movable": Column(np.bool_),
         "observable": Column(np.bool_),
     }
 
@@ -229,6 +230,8 @@ class FlowSamples(Table):
     valid: Mask
     """(K,) whether the source measured the cell."""
     dynamic: Mask
-    """(K,) whether the cell belongs to an object of a movable class that moves."""
+    """(K,) whether the cell belongs to an object faster than `core.motion.MOVING_MPS`."""
+    movable: Mask
+    """(K,) whether it belongs to an object of a class that is tracked, moving or parked."""
     observable: Mask
     """(K,) whether the cell's object was hit in both sweeps (background: always)."""

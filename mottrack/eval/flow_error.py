@@ -8,7 +8,9 @@ flow zero, and `measured` says how many were measured.
 
     RMSE     sqrt(mean |f - f_true|^2), metres
     AAE      mean angle between (f, 1) and (f_true, 1), radians (Barron et al., 1994), in metres
-    dynamic  cells of objects of a movable class that move; static: all other cells
+    dynamic  cells of objects above 0.5 m/s; static: all other cells
+    movable  cells of objects of the tracked classes, parked ones included: what the paper's Table I
+             calls dynamic
 """
 
 from __future__ import annotations
@@ -104,9 +106,13 @@ def _speed_errors(samples: FlowSamples) -> F64:
 
 
 def kind_masks(samples: FlowSamples) -> dict[str, Mask]:
-    """Return the masks of the dynamic, the static and all cells."""
-    every = np.ones(len(samples), np.bool_)
-    return {"dynamic": samples.dynamic, "static": ~samples.dynamic, "all": every}
+    """Return the masks of the dynamic, the movable, the static and all cells."""
+    return {
+        "dynamic": samples.dynamic,
+        "movable": samples.movable,
+        "static": ~samples.dynamic,
+        "all": np.ones(len(samples), np.bool_),
+    }
 
 
 def _row_masks(samples: FlowSamples) -> dict[str, Mask]:
@@ -127,8 +133,8 @@ def _row_masks(samples: FlowSamples) -> dict[str, Mask]:
 class FlowTable:
     """Flow errors of many scenes of which none is held: every scene is given twice.
 
-    Rows are dynamic, static and all cells, those that are observable (their object was hit by both
-    sweeps) or measured, and cells by speed and by range.
+    Rows are dynamic, movable, static and all cells, those that are observable (their object was hit
+    by both sweeps) or measured, and cells by speed and by range.
     """
 
     def __init__(self) -> None:

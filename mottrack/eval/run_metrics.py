@@ -166,7 +166,7 @@ def _tails(masked: _Masked, counts: dict[str, I64], weights: I64) -> dict[str, T
 def _flow(table: FlowTable) -> Iterator[tuple[MetricKey, Metric]]:
     if not table.sampled:
         return
-    for row in ("dynamic", "static", ALL):
+    for row in ("dynamic", "movable", "static", ALL):
         cells, speeds, lengths, angles = np.array(table.sums[row]).T.copy()
         yield MetricKey("flow", row, "RMSE", "m/s"), Ratio(speeds, cells, root=True)
         yield MetricKey("flow", row, "RMSE of the flow", "m"), Ratio(lengths, cells, root=True)

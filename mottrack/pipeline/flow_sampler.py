@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.frame import Frame
-from mottrack.core.motion import FlowField
+from mottrack.core.motion import MOVING_MPS, FlowField
 from mottrack.core.objects import Truth
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.tables import FlowSamples
@@ -25,6 +27,15 @@ TRUTH_FRAMES = 8
 """Recent frames whose truth is kept: 0.4 s at 20 Hz, more than the longest `pair_s` (0.3 s)."""
 
 
+class _Cells(NamedTuple):
+    """What the cells of a grid lie on."""
+
+    observable: Mask
+    """(H, W) whether the cell's object, if any, was hit often enough in both sweeps."""
+    movable: Mask
+    """(H, W) whether the cell lies on an object of a tracked class."""
+
+
 @dataclass
 class FlowSampler:
     """Compares fields with the truth that ``GroundTruthFlow`` makes of annotated tracks.
@@ -34,16 +45,19 @@ class FlowSampler:
     """
 
     truth_flow: GroundTruthFlow
+    classes: tuple[str, ...]
+    """Of the objects that are tracked: their cells are movable."""
     limit: int
     enabled: bool
     _parts: list[FlowSamples] = field(default_factory=list)
     _truth: dict[int, Truth] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, settings: Settings, *, has_sweeps: bool) -> FlowSampler:
+    def of(cls, settings: Settings, classes: Sequence[str], *, has_sweeps: bool) -> FlowSampler:
         """Make a sampler for one scene; disabled where the experiment wants no flow scores."""
         truth_flow = GroundTruthFlow(grid=settings.grid.grid())
-        return cls(truth_flow, settings.flow_sample_limit, settings.score_flow and has_sweeps)
+        enabled = settings.score_flow and has_sweeps
+        return cls(truth_flow, tuple(classes), settings.flow_sample_limit, enabled)
 
     def observe(self, frame: Frame) -> None:
         """Receive the truth of every frame, in order."""
@@ -70,6 +84,7 @@ class FlowSampler:
             known &= _between(field.grid.centres_m(), frame.labelled_azimuth_rad)
         rows, columns = _at_most(np.nonzero(known), self.limit)
         true_mps = true_field.velocity_mps[rows, columns]
+        cells = self._cells(field, frame.truth, pair)
         self._parts.append(
             FlowSamples(
                 frame=np.full(len(rows), key_index),
@@ -80,8 +95,9 @@ class FlowSampler:
                     len(rows), seconds_between(pair.previous.stamp_ns, pair.current.stamp_ns)
                 ),
                 valid=field.valid[rows, columns],
-                dynamic=np.hypot(true_mps[:, 0], true_mps[:, 1]) > 0,
-                observable=self._observable(field, frame.truth, pair)[rows, columns],
+                dynamic=np.hypot(true_mps[:, 0], true_mps[:, 1]) > MOVING_MPS,
+                movable=cells.movable[rows, columns],
+                observable=cells.observable[rows, columns],
             )
         )
 
@@ -89,8 +105,8 @@ class FlowSampler:
         """Return everything collected, in order of time."""
         return FlowSamples.stacked(self._parts)
 
-    def _observable(self, field: FlowField, truth: Truth, pair: Pair) -> Mask:
-        """Return (H, W) whether the cell's object, if any, was hit often enough in both sweeps."""
+    def _cells(self, field: FlowField, truth: Truth, pair: Pair) -> _Cells:
+        """Return what the cells lie on; an object counts where it was hit."""
         inside = _hits(pair.current, truth)
         seen = np.diff(inside.start) >= FEWEST_POINTS
         before = self._truth.get(pair.previous.stamp_ns)
@@ -102,7 +118,10 @@ class FlowSampler:
         unseen = in_grid & (object_of >= 0) & ~np.append(seen, True)[object_of]
         observable = np.ones(field.grid.shape, dtype=np.bool_)
         observable[rows[unseen], columns[unseen]] = False
-        return observable
+        tracked = np.append(np.isin(truth.label, self.classes), False)[object_of]
+        movable = np.zeros(field.grid.shape, dtype=np.bool_)
+        movable[rows[in_grid & tracked], columns[in_grid & tracked]] = True
+        return _Cells(observable, movable)
 
 
 def _between(xy_m: F64, azimuth_rad: tuple[float, float]) -> Mask:

@@ -165,7 +165,7 @@ class SceneLoop:
         self._pipeline = Pipeline(member.experiment, parts=shared.of(member.experiment))
         if isinstance(scene, GroundMap):
             self._pipeline.use_ground(scene)
-        self._sampler = FlowSampler.of(settings, has_sweeps=scene.has_sweeps)
+        self._sampler = FlowSampler.of(settings, scene.classes, has_sweeps=scene.has_sweeps)
         self._scene_flow = SceneFlowSampler(shared.truth, self._sampler.enabled)
         self._recorder = SnapshotRecorder(settings.snapshots.points, enabled=member.keep_snapshots)
         self._reads_sweeps = self._sampler.enabled or self._pipeline.needs_sweeps

@@ -28,11 +28,10 @@ def comparison_text(comparison: Comparison, width: int, *, full: bool = False) -
     for run in runs if full else ():
         if run.latency is not None:
             yield printable(f"latency {run.title}: {run.latency.summary}")
-    yield from plain_words(comparison.flow_values) if full else ()
 
 
 def closing_text(comparison: Comparison) -> Iterator[str]:
-    """Yield warnings, failures, the files, and at last what was found in one sentence."""
+    """Yield warnings, failures, files, what was found in one sentence, and what flow was worth."""
     for run in comparison.runs:
         for text in run.concerns if run.finished else ():
             yield printable(f"warning {run.title}: {text}")
@@ -45,6 +44,8 @@ def closing_text(comparison: Comparison) -> Iterator[str]:
         yield f"tables:  {comparison.out / 'tables'}"
         yield f"report:  {comparison.out / 'report.html'}"
     yield printable(conclusion(comparison))
+    for text in plain_words(comparison.flow_values):
+        yield printable(text)
 
 
 def heading(runs: Sequence[ScoredRun]) -> str:

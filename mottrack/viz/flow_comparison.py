@@ -17,12 +17,10 @@ from matplotlib.figure import Figure
 from mottrack.core.arrays import F64
 from mottrack.core.errors import InputError
 from mottrack.core.flow_colour import bold_flow_to_rgb
-from mottrack.core.motion import FlowField
+from mottrack.core.motion import MOVING_MPS, FlowField
 from mottrack.core.snapshot import Snapshot
 from mottrack.viz.colour_wheel import draw_wheel
 
-MOVING_MPS = 0.5
-"""Slower cells are drawn as still: 5 cm a sweep, as in Argoverse 2's scene flow benchmark."""
 STILL, UNMEASURED = 0.62, 0.85  # Grey levels in [0, 1]
 
 

@@ -228,6 +228,7 @@ def make_flow(rng: np.random.Generator, perfect: bool) -> FlowSamples:
         dt_s=np.full(20, 0.1, np.float32),
         valid=np.ones(20, bool),
         dynamic=np.arange(20) % 2 == 0,
+        movable=np.arange(20) % 2 == 0,
         observable=np.ones(20, bool),
     )
 

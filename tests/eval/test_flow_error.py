@@ -17,6 +17,7 @@ def samples(estimate: list[tuple[float, float]], truth: list[tuple[float, float]
         dt_s=np.full(n, 0.5, np.float32),
         valid=np.arange(n) % 2 == 0,
         dynamic=np.linalg.norm(truth, axis=1) > 0,
+        movable=np.linalg.norm(truth, axis=1) > 0,
         observable=np.arange(n) < 2,
     )
 

@@ -36,6 +36,7 @@ def scene(make_result: Maker) -> SceneResult:
         dt_s=np.full(3, 0.1, np.float32),
         valid=np.ones(3, bool),
         dynamic=np.zeros(3, bool),
+        movable=np.zeros(3, bool),
         observable=np.ones(3, bool),
     )
     return replace(result, flow=flow)

@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from mottrack.core.motion import MOVING_MPS
 from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, RACK_CATEGORY
 from mottrack.formats.nuscenes_records import CHANNEL
 
@@ -34,8 +35,6 @@ _CATEGORY_OF = (
     | {"pedestrian": "human.pedestrian.adult", "bus": "vehicle.bus.rigid"}
 )
 """Label to official category; of several with the same label the commonest."""
-_MOVING_MPS = 0.5
-"""Slower objects move less than 0.25 m between key frames, about the error of a box."""
 ATTRIBUTES = (
     "vehicle.moving",
     "vehicle.stopped",
@@ -79,7 +78,7 @@ def attribute_of(category: str, speed_mps: float) -> str | None:
     if category not in _ATTRIBUTES_OF:
         return None
     moving, still = _ATTRIBUTES_OF[category]
-    return moving if speed_mps > _MOVING_MPS else still
+    return moving if speed_mps > MOVING_MPS else still
 
 
 class Lists(NamedTuple):

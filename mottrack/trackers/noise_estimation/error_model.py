@@ -21,14 +21,13 @@ import numpy as np
 
 from mottrack.core.arrays import F64, Texts
 from mottrack.core.errors import InputError
+from mottrack.core.motion import MOVING_MPS
 from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.geometry.two_by_two import density_2x2
 from mottrack.trackers.kalman.config import VelocityConfig
 
 LEAST_COUNT = 20
 """A class with fewer velocities has no R_d of its own: it would be off by a third."""
-STANDING_MPS = 0.5
-"""Slower objects stand: over 0.1 s they move less than a cell's fifth, which no source resolves."""
 STARTS = tuple(itertools.product((0.01, 0.3), (0.05, 0.5), (0.01, 0.1)))
 """First guesses of r, the missed share of slow motion and p_outlier: a share of the speed and
 outliers explain the same gross errors, so the likelihood has several maxima."""
@@ -124,7 +123,7 @@ def _cost(parameters: F64, sample: VelocitySample) -> float:
     spread = stated + relative**2 * v[:, :, None] * v[:, None, :]
     true_mps = np.hypot(*sample.true_mps.T)
     lost = missed + slow * np.exp(-0.5 * (true_mps / speed_mps) ** 2)
-    lost[true_mps < STANDING_MPS] = 0.0
+    lost[true_mps < MOVING_MPS] = 0.0
     likelihood = (1.0 - lost - outlier) * density_2x2(v - sample.true_mps, spread)
     likelihood += lost * density_2x2(v, stated)
     likelihood += outlier * density_2x2(v, stated + sigma_mps**2 * np.eye(2))

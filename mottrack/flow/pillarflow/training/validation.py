@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from mottrack.core.arrays import F32, Mask
+from mottrack.core.motion import MOVING_MPS
 from mottrack.flow.pillarflow.calibration import (
     Calibration,
     Residuals,
@@ -18,10 +19,6 @@ from mottrack.flow.pillarflow.calibration import (
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.training.batches import NO_ROTATION, CropConfig, collate, cut
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
-
-MOVING_MPS = 0.5
-"""A cell is dynamic above this speed: slower than walking, faster than residual odometry makes a
-wall look (1.5 cm in 0.1 s)."""
 
 
 @dataclass(frozen=True)
