@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mottrack.core.errors import ConfigError, ResultError, require_exists
-from mottrack.core.storage import write_text
+from mottrack.core.storage import discard_unfinished, write_text
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.stored import stored_experiment
 from mottrack.formats.files import read_bytes
@@ -111,6 +111,8 @@ def score_runs(runs: tuple[ScoredRun, ...], out: Path, baseline: str | None = No
     Raises:
         ResultError: a stored result is damaged.
     """
+    for folder in (out, out / "tables"):  # of a driver that was killed while it wrote figures
+        discard_unfinished(folder)
     comparison = Comparison(runs, out, find_differences(runs, baseline))
     figures = {
         "runs": [run.as_dict() for run in runs],

@@ -20,7 +20,7 @@ from mottrack.eval.scores import ScoreConfig
 from mottrack.eval.velocity_error import velocity_samples, velocity_table
 from mottrack.experiment.experiment import compose, load_experiments
 from mottrack.report.page import write_report
-from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
+from mottrack.runs.comparison import Comparison, load_comparison, run_comparison, score_runs
 from mottrack.runs.comparison_tables import comparison_tables, significance
 from mottrack.runs.differences import check_baseline, find_differences
 from mottrack.runs.local_pool import LocalPool
@@ -198,3 +198,15 @@ def test_runs_of_a_tracker_that_ignores_the_flow_are_shown_once(
     assert "zero" in tracking
     assert "cluster_icp" not in tracking
     assert "cluster_icp" in text[text.index("Flow error") :]
+
+
+def test_what_a_killed_driver_left_half_written_is_removed(
+    comparison: Comparison, tmp_path: Path
+) -> None:
+    out = tmp_path / "again"
+    shutil.copytree(comparison.out, out)
+    for folder in (out, out / "tables"):
+        folder.mkdir(exist_ok=True)
+        (folder / ".scores.json.killed.part").write_bytes(b"half")
+    score_runs(comparison.runs, out)
+    assert not list(out.rglob("*.part"))
