@@ -22,6 +22,7 @@ from mottrack.experiment.experiment import load_experiments
 from mottrack.runs.comparison import Comparison, load_comparison, run_comparison
 from mottrack.runs.here import Here
 from mottrack.runs.local_pool import LocalPool
+from mottrack.runs.notebook import NotebookComparison
 from mottrack.runs.progress import TerminalProgress
 from mottrack.runs.runner import Execution
 from mottrack.runs.scored_run import ScoredRun
@@ -81,7 +82,7 @@ def load(folder: Path | str, baseline: str | None = None) -> Comparison:
         ConfigError: the folder does not exist, or holds no finished scene.
         ResultError: a stored result is damaged.
     """
-    return load_comparison(Path(folder), baseline)
+    return NotebookComparison.of(load_comparison(Path(folder), baseline))
 
 
 def evaluate(results: Iterable[SceneResult], config: ScoreConfig | None = None) -> Scores:
@@ -98,4 +99,5 @@ def _run(config: str, overrides: Sequence[str], out: Path, workers: int, quiet: 
     execution = Execution(Here() if workers == 1 else LocalPool(workers))
     experiments = load_experiments(config, overrides)
     with TerminalProgress(quiet=quiet) as progress:
-        return run_comparison(experiments, out, execution=execution, progress=progress)
+        done = run_comparison(experiments, out, execution=execution, progress=progress)
+    return NotebookComparison.of(done)

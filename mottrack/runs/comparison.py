@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,14 +38,6 @@ class Comparison:
     def __repr__(self) -> str:
         titles = ", ".join(run.title for run in self.runs)
         return f"Comparison({titles}; {self.out})"
-
-    def _repr_html_(self) -> str:
-        """Return the main tables and what was found, for notebooks."""
-        from mottrack.runs.conclusion import conclusion  # the modules of tables read comparisons
-        from mottrack.runs.summary_tables import summary_tables
-
-        tables = "".join(table._repr_html_() for table in summary_tables(self))
-        return f"{tables}<p>{html.escape(conclusion(self))}</p>"
 
     @cached_property
     def flow_values(self) -> list[FlowValue]:
