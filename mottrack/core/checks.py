@@ -53,7 +53,9 @@ def as_array(
     except InputError:
         raise
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(field, type(value).__name__, f"an array of {np.dtype(dtype)}") from error
+        ragged = "inhomogeneous" in str(error)
+        found = "rows of unequal length" if ragged else f"of type {type(value).__name__}"
+        raise InputError(field, found, f"an array of {np.dtype(dtype)}") from error
     if array.shape == (0,) and len(shape) > 1 and shape[0] in (None, 0) and None not in shape[1:]:
         array = array.reshape(0, *shape[1:])  # an empty list: no rows
     if array.shape != shape and not _fits(array.shape, shape):
@@ -134,7 +136,8 @@ def set_stamp(owner: object) -> None:
 def require_instance(field: str, value: object, kind: type[Any]) -> None:
     """Raise InputError unless ``value`` is a ``kind``."""
     if not isinstance(value, kind):
-        raise InputError(field, f"of type {type(value).__name__}", f"a {kind.__name__}")
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InputError(field, f"of type {type(value).__name__}", f"{article} {kind.__name__}")
 
 
 def require_finite(field: str, array: NDArray[Any]) -> None:

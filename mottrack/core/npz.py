@@ -83,7 +83,7 @@ def _array(file: IO[bytes], size: int) -> NDArray[Any]:
         raise ValueError(f"npy of version {version}")
     shape, fortran, dtype = readers[version](file)
     if dtype.hasobject:
-        raise ValueError("holds Python objects, expected numbers or text")
+        raise ValueError("Python objects instead of numbers or text")
     count = math.prod(shape)
     if min(shape, default=0) < 0 or count * dtype.itemsize > size:
         raise ValueError(f"an array {shape} of {dtype} in {size} bytes")

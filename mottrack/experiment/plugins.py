@@ -126,6 +126,9 @@ def _find_class(part: PartKind, kind: str) -> type[Any]:
         raise unknown_name(part.noun, kind, part.table)
     target = part.table[kind].target if kind in part.table else kind
     module_name, _, class_name = target.partition(":")
+    if module_name.startswith(".") or not module_name:
+        expected = "expected package.module:Class, from the top"
+        raise ConfigError(f"{part.noun} is '{shown(kind)}', {expected}")
     try:
         found = getattr(importlib.import_module(module_name), class_name)
     except Exception as error:

@@ -26,6 +26,8 @@ def _format_one(item: ErrorDetails, model: type[BaseModel], prefix: str) -> str:
         return f"{key} is not a known key{did_you_mean(path[-1], _fields_at(model, path[:-1]))}"
     if item["type"] == "missing":
         return f"{key} is missing"
+    if item["type"] == "int_parsing_size":
+        return f"{key} is {quoted(item['input'])}, expected an integer of at most 4300 digits"
     message = item["msg"].removeprefix("Value error, ")
     if not path:
         return f"{prefix or 'settings'}: expected {message}"

@@ -33,15 +33,18 @@ def _slow(path: Path, data: bytes, expected: str, first: orjson.JSONDecodeError)
     if not (b"NaN" in data or b"Infinity" in data):
         raise DataError(path, "JSON", _where(first), expected) from first
     if _deeper_than(data, MAX_DEPTH):
-        raise DataError(path, "JSON", f"nested deeper than {MAX_DEPTH}", expected) from first
+        raise DataError(
+            path, "JSON", f"unreadable (nested deeper than {MAX_DEPTH})", expected
+        ) from first
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise DataError(path, "JSON", str(error) or "nested too deep", expected) from error
+        reason = f"unreadable ({str(error) or 'nested too deep'})"
+        raise DataError(path, "JSON", reason, expected) from error
 
 
 def _where(error: orjson.JSONDecodeError) -> str:
-    return f"{error.msg.rstrip('.')} (line {error.lineno}, column {error.colno})"
+    return f"unreadable ({error.msg.rstrip('.')}; line {error.lineno}, column {error.colno})"
 
 
 def _deeper_than(data: bytes, most: int) -> bool:

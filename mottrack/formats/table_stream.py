@@ -252,7 +252,7 @@ def _parse(path: Path, rest: _Rest, thin: Thinning, count: RecordCount) -> Block
     try:
         orjson.loads(text)
     except orjson.JSONDecodeError as error:
-        where = f"{error.msg} near byte {rest.done + error.pos}"
+        where = f"unreadable ({error.msg} near byte {rest.done + error.pos})"
         raise DataError(path, "JSON", where, "an array of records") from error
     except MemoryError as error:
         raise DataError(path, "JSON", "too large for the memory", "an array of records") from error

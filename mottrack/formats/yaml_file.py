@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from yaml.nodes import MappingNode, Node, SequenceNode
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from mottrack.core.errors import DataError
 from mottrack.core.limits import MAX_NODES
@@ -18,13 +18,30 @@ MAX_ALIASES = 50
 """Nested aliases grow exponentially (a "billion laughs" bomb)."""
 MAX_DEPTH = 20
 """Far beyond the nesting of any setting; without a limit the parser exhausts the stack."""
+_KINDS = {
+    "int": "an integer of at most 4300 digits",  # Python reads no more of them
+    "float": "a number",
+    "bool": "true or false",
+    "timestamp": "a date",
+}
+"""What a value of each of YAML's types must be, for errors."""
 _EXPONENTIAL = re.compile(r"[-+]?\d+(\.\d*)?e[-+]?\d+", re.IGNORECASE)
+
+
+class _ScalarError(yaml.YAMLError):
+    """A value that its tag does not fit: a number of thousands of digits, `!!bool maybe`."""
+
+    def __init__(self, node: ScalarNode) -> None:
+        kind = node.tag.rpartition(":")[2]
+        super().__init__(kind)
+        self.line, self.value = node.start_mark.line + 1, node.value
+        self.expected = _KINDS.get(kind, f"a value of type {kind}")
 
 
 _FAULTS = (
     yaml.YAMLError,
-    ValueError,  # an integer of thousands of digits, a date that is none
-    KeyError,  # !!bool maybe
+    ValueError,
+    KeyError,
     TypeError,
     AttributeError,
     IndexError,
@@ -61,6 +78,14 @@ class _StrictLoader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
+
+    def construct_object(self, node: Node, deep: bool = False) -> Any:
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, KeyError, OverflowError, AttributeError, IndexError) as error:
+            if isinstance(node, ScalarNode):
+                raise _ScalarError(node) from error
+            raise
 
     def construct_mapping(self, node: MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[object] = set()
@@ -124,6 +149,8 @@ def parse_yaml(text: str, source: Path) -> dict[str, Any]:
     """
     try:
         content = yaml.load(text, Loader=_StrictLoader)  # noqa: S506 - derived from SafeLoader
+    except _ScalarError as error:
+        raise DataError(source, f"line {error.line}", error.value, error.expected) from error
     except _FAULTS as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise DataError(source, "content", reason, "YAML") from error

@@ -241,8 +241,9 @@ class RunFolder:
         """
         path = self.latency_file(scene)
         stored = _read_json(path)
-        if not _all_seconds(stored):
-            raise ResultError(path, "content", "other than seconds", "times of a scene")
+        for name, value in stored.items():
+            if not _all_seconds(value):
+                raise ResultError(path, name, value, "seconds, and nothing else")
         return StepTimes.of(stored, path)
 
 

@@ -99,7 +99,10 @@ def test_select_takes_every_column_along() -> None:
         ({"velocity": VelocityMeasurement.absent(2)}, "length of velocity is 2"),
         ({"velocity": np.zeros((3, 2))}, "velocity is of type ndarray, expected a Velocity"),
         ({"centre_m": None}, r"shape of centre_m is \(\), expected \(N, 3\)"),
-        ({"centre_m": [[1, 2, 3], [4]]}, "centre_m is list, expected an array of float64"),
+        (
+            {"centre_m": [[1, 2, 3], [4]]},
+            "centre_m is rows of unequal length, expected an array of float64",
+        ),
         ({"label": ["car", None, "car"]}, r"label\[1\] is None, expected text"),
         ({"num_points": [4, 1.5, 2]}, r"num_points\[1\] is 1.5, expected a whole number"),
         ({"num_points": [4, np.nan, 2]}, r"num_points\[1\] is nan, expected a whole number"),

@@ -275,6 +275,17 @@ def test_a_lost_sweep_costs_that_sweep(log, how, which):
     ]
 
 
+def test_a_cloud_without_points_costs_that_sweep(bag):
+    clouds = {stamp: ros_log.structured(cloud(0), np.zeros(200)) for stamp in STAMPS}
+    clouds[STAMPS[1]] = clouds[STAMPS[1]][:0]
+    ros_log.write_log(bag, clouds, {stamp: Pose.identity() for stamp in STAMPS})
+    scene = open_bag(bag)
+    assert [len(scene.sweep(i)) for i in range(3)] == [200, 0, 200]
+    assert concerns_of(scene) == [
+        f"sweeps that are missing or empty: 1, first at frame {STAMPS[1]}"
+    ]
+
+
 def test_a_log_without_any_sweep_names_the_first(log):
     for path in log.glob("sweeps/*"):
         path.unlink()

@@ -139,9 +139,22 @@ def laughs(levels: int) -> str:
     ],
 )
 def test_yaml_that_is_no_setting(text: str) -> None:
-    with pytest.raises(DataError, match=r"e\.yaml: content is") as caught:
+    with pytest.raises(DataError, match=r"e\.yaml: (content|line 1) is") as caught:
         parse_yaml(text, Path("e.yaml"))
     assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: " + "9" * 5000, "line 1 is 9+.*9, expected an integer of at most 4300 digits"),
+        ("a: 1\nb: !!bool maybe", "line 2 is maybe, expected true or false"),
+        ("a: !!float x", "line 1 is x, expected a number"),
+    ],
+)
+def test_a_value_of_yaml_that_is_none_is_named(text: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        parse_yaml(text, Path("e.yaml"))
 
 
 def test_dates_and_long_numbers_are_texts_of_settings() -> None:

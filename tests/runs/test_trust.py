@@ -103,10 +103,10 @@ def test_an_experiment_without_a_setting(text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("flow=.x:Y", "can't be imported"),
+        ("flow=.x:Y", "flow source is '.x:Y', expected package.module:Class, from the top"),
         ("flow=broken_plug_in:Y", "can't be imported: SyntaxError"),
         ("name=" + "9" * 5000, "name is"),
-        ("dataset.scenes=" + "9" * 5000, "scenes is"),
+        ("dataset.scenes=" + "9" * 5000, "scenes is .*expected an integer of at most 4300 digits"),
     ],
 )
 def test_overrides_that_are_none(override: str, message: str, tmp_path: Path) -> None:

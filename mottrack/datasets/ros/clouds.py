@@ -105,11 +105,14 @@ class Clouds:
         path, config = self._log.path, self._config
         columns = point_columns(message, path)
         xyz_m = xyz_of(columns)
+        own_ns = _stamp(message)
+        mounting = self._motion.ego_T_points(frame_name(message.header.frame_id), own_ns)
+        if not len(xyz_m):  # a LiDAR that saw nothing, or whose packets were lost
+            none, no_offsets = np.zeros(0, np.float32), np.zeros(0, np.int64)
+            return Part(xyz_m, none, mounting.translation_m, no_offsets, None)
         check_points(path, xyz_m)
         intensity = columns.get("intensity", np.zeros(len(xyz_m))).astype(np.float32)
         ring = next((columns[name] for name in RING_FIELDS if name in columns), None)
-        own_ns = _stamp(message)
-        mounting = self._motion.ego_T_points(frame_name(message.header.frame_id), own_ns)
         own_offset_ns = time_offsets_ns(columns, own_ns)
         xyz_m = self._at_stamp(mounting.apply(xyz_m), own_offset_ns, own_ns, stamp_ns)
         return Part(

@@ -365,7 +365,7 @@ def _check_tracks(submission: Submission, samples: Samples) -> Iterator[Problem]
             seen.add(identity)
             kind = kind_of.setdefault((scene_of[token], str(identity)), type(identity))
             if kind is not type(identity):
-                text = f"{identity!r} is another track than the same as {kind.__name__}"
+                text = f"{identity!r} and {kind(identity)!r} are two tracks, expected one type"
                 yield Problem("warning", submission.path, token, index, "tracking_id", text)
                 kind_of[scene_of[token], str(identity)] = type(identity)
             name = box.get("tracking_name")

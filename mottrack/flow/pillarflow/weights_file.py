@@ -15,6 +15,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from mottrack.core.errors import DataError
+from mottrack.core.printed import shown
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.network import PillarFlowNet
@@ -87,7 +88,8 @@ def load_weights(file: Path) -> Weights:
 def _reason(error: Exception) -> str:
     if isinstance(error, ValidationError):
         first = error.errors()[0]
-        return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        name = ".".join(map(str, first["loc"]))
+        return f"{name} = {shown(first['input'])} ({first['msg']})"
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
