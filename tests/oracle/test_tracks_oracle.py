@@ -28,10 +28,14 @@ def results_on(dataset: Dataset) -> list[SceneResult]:
     return [perfect(scene.name, list(key_frames(scene)), scene.classes) for scene in scenes]
 
 
-def test_av2s_own_command_evaluates_an_argoverse_run(tmp_path: Path) -> None:
+def test_av2s_own_command_evaluates_an_argoverse_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Every object has one identity and lies within centimetres: MOTA 1 and HOTA near 1."""
     from av2.evaluation.tracking.eval import evaluate
 
+    # it writes its own tables into a folder beside the working one
+    monkeypatch.chdir(tmp_path)
     write_synthetic(tmp_path / "data", "argoverse2", WORLD)
     dataset = Argoverse2(Argoverse2Config(root=tmp_path / "data"))
     argoverse2.write_tracks(tmp_path / "out", results_on(dataset))
