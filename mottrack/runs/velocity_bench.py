@@ -128,7 +128,8 @@ def plain_words(values: Sequence[FlowValue]) -> list[str]:
     counted = rows[2] or best.row(IDS)  # clusters have no AMOTA
     last = _described(counted, "AMOTA" if rows[2] else "identity switches", "")
     return [
-        f"Flow ({best.run}) against none: {_described(rows[0], 'velocity error', ' m/s')}.",
+        f"Flow ({best.run}) against none, on objects that every run tracks: "
+        f"{_described(rows[0], 'velocity error', ' m/s')}.",
         f"Where fast objects will be in 1 s: {_described(rows[1], 'error', ' m')}.",
         f"Of the gain of the true velocity: {_shares_described(best)}; {last}.",
     ]
