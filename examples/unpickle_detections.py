@@ -57,6 +57,7 @@ class Restricted(pickle.Unpickler):
     """Refuses all names but those listed."""
 
     def find_class(self, module: str, name: str) -> Any:
+        """Return a listed class or function; raise UnpicklingError for any other."""
         if (module, name) == ("torch.storage", "_load_from_bytes"):
             return load_storage
         if module.partition(".")[0] == "mmdet3d" and name == LIDAR_BOXES:
@@ -83,6 +84,7 @@ def numbers(value: Any) -> np.ndarray:
 
 
 def openpcdet(entry: dict[str, Any]) -> Frame:
+    """Return a frame of OpenPCDet's list of results."""
     token = (entry.get("metadata") or {}).get("token")
     name = str(entry["frame_id"] if token is None else token)
     labels = [str(label) for label in entry["name"]]
@@ -90,6 +92,7 @@ def openpcdet(entry: dict[str, Any]) -> Frame:
 
 
 def mmdet3d(entry: dict[str, Any], classes: list[str]) -> Frame:
+    """Return a frame of MMDetection3D's results; `classes` name the numbered labels."""
     found = entry.get("pred_instances_3d") or entry.get("pts_bbox") or entry
     boxes = numbers(found["bboxes_3d" if "bboxes_3d" in found else "boxes_3d"]).copy()
     boxes[:, 2] += boxes[:, 5] / 2.0  # from the bottom to the centre
@@ -99,6 +102,7 @@ def mmdet3d(entry: dict[str, Any], classes: list[str]) -> Frame:
 
 
 def frames_of(content: Any, classes: list[str]) -> Iterator[Frame]:
+    """Yield the frames of either list; raise ValueError for anything else."""
     if not isinstance(content, list) or not all(isinstance(entry, dict) for entry in content):
         raise ValueError("expected a list with a dictionary for each frame")
     for entry in content:
@@ -106,6 +110,7 @@ def frames_of(content: Any, classes: list[str]) -> Iterator[Frame]:
 
 
 def arrays_of(frames: Iterable[Frame]) -> dict[str, np.ndarray]:
+    """Return the frames as the arrays of the npz file that mottrack reads."""
     listed = list(frames)
     boxes = []
     for frame in listed:
@@ -124,6 +129,7 @@ def arrays_of(frames: Iterable[Frame]) -> dict[str, np.ndarray]:
 
 
 def main() -> int:
+    """Convert the file that the command line names; return the exit code."""
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("pickle", type=Path)
     parser.add_argument("npz", type=Path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from mottrack.cli.printed_tables import print_tables
 from mottrack.cli.tracked import (
     Bootstrap,
     Dataroot,
@@ -41,13 +42,10 @@ def capabilities(  # noqa: PLR0913
     from mottrack.eval.capabilities.curves import curves
     from mottrack.eval.capabilities.report import write_outputs
     from mottrack.eval.capabilities.tracking import of_scenes
-    from mottrack.formats.text_table import aligned
 
     given = Given(
         runs, dataroot, submission, version, labels, tracks, kind, split, detections
     ).read()
     shown = {name: curves(of_scenes(scenes), bootstrap) for name, scenes in given.items()}
-    for table in write_outputs(out, shown):
-        lines = [[column.name for column in table.columns], *table.texts()]
-        typer.echo(f"{table.title}\n{aligned(lines)}\n")
+    print_tables(write_outputs(out, shown))
     typer.echo(f"picture: {out / 'capabilities.png'}")

@@ -33,7 +33,7 @@ def convert(  # noqa: PLR0913
         str | None, typer.Option(help="of nuscenes and truckscenes: v1.0-trainval or v1.0-mini")
     ] = None,
 ) -> None:
-    """Convert a data set: sweeps, poses, true boxes, detections; say what the format loses.
+    """Convert a data set: sweeps, poses, true boxes, detections; report what the format loses.
 
     What is lost is measured: every scene is read back and compared.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +9,10 @@ from typing import TYPE_CHECKING
 import typer
 
 from mottrack.cli.arguments import EXIT_SCENES_FAILED, Talk
+from mottrack.cli.printed_tables import table_width
 
 MAIN_FIGURES = Talk()
 """What is printed where nothing else is asked for."""
-NARROWEST = 60
-"""Characters of a line of a table: below it the numbers of a row no longer stand side by side."""
 
 if TYPE_CHECKING:
     from mottrack.runs.comparison import Comparison
@@ -32,8 +30,7 @@ def show_comparison(comparison: Comparison, talk: Talk = MAIN_FIGURES) -> None:
 
     write_tables(comparison_tables(comparison), comparison.out / "tables")
     if not talk.quiet:
-        width = shutil.get_terminal_size().columns
-        for text in comparison_text(comparison, max(width, NARROWEST), full=talk.full):
+        for text in comparison_text(comparison, table_width(), full=talk.full):
             typer.echo(text)
     if any(run.finished for run in comparison.runs):
         write_report(comparison, comparison.out / "report.html")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from mottrack.cli.printed_tables import print_tables
 from mottrack.cli.tracked import (
     Bootstrap,
     Dataroot,
@@ -21,11 +22,6 @@ from mottrack.cli.tracked import (
     Submissions,
     Version,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from mottrack.formats.text_table import TextTable
 
 
 def slices(  # noqa: PLR0913
@@ -68,7 +64,7 @@ def slices(  # noqa: PLR0913
         own = read_own_columns(columns)
         given = {name: own.added_to(scenes) for name, scenes in given.items()}
         chosen += [name for name in own.values if not by]
-    _print(write_outputs(out, sliced(given, chosen, bootstrap)))
+    print_tables(write_outputs(out, sliced(given, chosen, bootstrap)))
 
 
 def calibration(  # noqa: PLR0913
@@ -97,7 +93,7 @@ def calibration(  # noqa: PLR0913
         name: calibrations(scenes, draw(len(scenes.results), bootstrap))
         for name, scenes in given.items()
     }
-    _print(write_outputs(out, found))
+    print_tables(write_outputs(out, found))
     if any(not isinstance(run, str) for run in found.values()):
         typer.echo(f"picture: {out / 'calibration.png'}")
 
@@ -125,12 +121,4 @@ def label_errors(  # noqa: PLR0913
     given = Given(
         runs, dataroot, submission, version, labels, tracks, kind, split, detections
     ).read()
-    _print(write_outputs(out, {name: suspects(scenes) for name, scenes in given.items()}))
-
-
-def _print(tables: Sequence[TextTable]) -> None:
-    from mottrack.formats.text_table import aligned
-
-    for table in tables:
-        lines = [[column.name for column in table.columns], *table.texts()]
-        typer.echo(f"{table.title}\n{aligned(lines)}\n{table.note}\n")
+    print_tables(write_outputs(out, {name: suspects(scenes) for name, scenes in given.items()}))

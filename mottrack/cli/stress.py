@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from mottrack.cli.arguments import Config, Sweep
+from mottrack.cli.printed_tables import print_tables
 
 
 def register(app: typer.Typer) -> None:
@@ -31,7 +32,6 @@ def stress(
     """
     from mottrack.core.errors import unknown_name
     from mottrack.experiment.experiment import load_experiments
-    from mottrack.formats.text_table import aligned
     from mottrack.studies.stress.damage import DAMAGES
     from mottrack.studies.stress.report import write_outputs
     from mottrack.studies.stress.study import Plan, outcomes
@@ -43,7 +43,5 @@ def stress(
     experiments = load_experiments(config, overrides or [])
     plan = Plan(chosen, bootstrap)
     found = list(outcomes(experiments, plan, lambda text: typer.echo(text, err=True)))
-    for table in write_outputs(out, found):
-        lines = [[column.name for column in table.columns], *table.texts()]
-        typer.echo(f"{table.title}\n{aligned(lines)}\n{table.note}\n")
+    print_tables(write_outputs(out, found))
     typer.echo(f"picture: {out / 'stress.png'}")

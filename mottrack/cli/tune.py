@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mottrack.cli.arguments import Config, Overrides
+from mottrack.cli.printed_tables import print_tables
 
 if TYPE_CHECKING:
     from mottrack.studies.tuning.search import Search, Tuned
@@ -83,14 +84,12 @@ def _trial_done(name: str, done: int, total: int, best: float) -> None:
 def _write(search: Search, tuned: Tuned, out: Path) -> None:
     """Print and write the tables and the tuned tracker."""
     from mottrack.core.storage import write_text
-    from mottrack.formats.text_table import aligned, write_tables
+    from mottrack.formats.text_table import write_tables
     from mottrack.studies.tuning.tables import found_table, gain_table, tracker_yaml
 
     tables = [gain_table(tuned), found_table(search, tuned)]
     write_tables(tables, out / "tables")
-    for table in tables:
-        lines = [[column.name for column in table.columns], *table.texts()]
-        typer.echo(f"{table.title}\n{aligned(lines)}\n{table.note}\n")
+    print_tables(tables)
     file = out / "tracker" / "tuned.yaml"
     write_text(file, tracker_yaml(search, tuned))
     typer.echo(f"tables:  {out / 'tables'}\ntracker: {file}")

@@ -134,7 +134,7 @@ def _of_rows(rows: BoxRows, frames: SceneFrames, *, own: bool) -> _Found | None:
         return None
     if rows.scenes is None and not own:
         here = frames.rows_of_scene(rows.keys, table.path)
-        if not len(here):  # a file of other scenes, told apart by their stamps or tokens
+        if not len(here):  # a file of other scenes: none of its stamps or tokens is of this one
             return None
         _require_scene_known(table.path, frames)
         table, rows = table.select(here), BoxRows(table, rows.keys[here], None)

@@ -12,7 +12,7 @@ LEFT, RIGHT, TOP, BOTTOM = 48.0, 12.0, 10.0, 40.0
 TICKS = 4
 """Intervals of the vertical axis: five lines are readable at this height."""
 BESIDE_PX = 5.0
-"""Between the bars of two runs in one bin, so that they can be told apart."""
+"""Between the bars of two runs in one bin, so that both are seen."""
 ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 """Steps of an axis that people count in, times a power of ten."""
 
