@@ -146,7 +146,7 @@ def ask(source: FlowSource, moment: Moment, tally: Tally) -> None:
         for frame in moment.frames:
             source.observe(frame)
     start = time.process_time()
-    field = source.estimate(*moment.sweeps)
+    field = source.estimate(moment.sweeps[:1], moment.sweeps[1])
     tally.milliseconds.append(1e3 * (time.process_time() - start))
     if moment.truth is None:
         return

@@ -26,6 +26,7 @@ from mottrack.core.errors import MottrackError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSource, FrameObserver
 from mottrack.core.motion import MOVING_MPS
+from mottrack.experiment.settings import Settings
 from mottrack.flow.cluster_icp import ClusterIcpFlow
 from mottrack.flow.dogma.source import DogmaFlow
 from mottrack.flow.icp import IcpConfig, IcpFlow
@@ -36,6 +37,7 @@ from mottrack.flow.pillarflow.source import (
     PillarFlowConfig,
 )
 from mottrack.flow.zero import ZeroFlow
+from mottrack.pipeline.sweep_pairs import PairConfig, SweepPairs
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 ROWS: dict[str, Callable[[BevGrid], FlowSource]] = {
@@ -74,14 +76,16 @@ def scores(estimate_mps: Floats, truth_mps: Floats) -> dict[str, float]:
 def run(drive: Drive, source: FlowSource, grid: BevGrid, every: int) -> dict[str, float]:
     """Score one source over a drive; one that filters over time sees every sweep."""
     estimates, truths, milliseconds = [], [], []
-    for index in range(1, len(drive.sweeps)):
-        if index % every and not source.stateful:
+    pairs = SweepPairs(PairConfig.of(Settings(), source))
+    for index in range(len(drive.sweeps)):
+        past = pairs.push(drive.sweeps[index])
+        if not past or (index % every and not source.stateful):
             continue
         if isinstance(source, FrameObserver):
             source.observe(drive.frame(index - 1))
             source.observe(drive.frame(index))
         start = time.process_time()
-        field = source.estimate(drive.sweeps[index - 1], drive.sweeps[index])
+        field = source.estimate(past, drive.sweeps[index])
         milliseconds.append(1e3 * (time.process_time() - start))
         if index % every:
             continue

@@ -3,6 +3,7 @@
 PYTHONPATH=examples mottrack run demo flow=own_flow:BlobFlow flow.reach_m=4 --out out/own
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +21,9 @@ class BlobFlow(FlowSourceBase):
     def __init__(self, reach_m: float = 3.0, *, grid: BevGrid) -> None:  # flow.reach_m, grid.*
         self.grid, self.reach_m = grid, reach_m
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Velocity of every cell (H, W) over the ground, m/s, in the current ego frame."""
+        previous = past[-1]
         then_m = self._blobs(previous.seen_from(current))[1][1:]  # ego motion removed
         label, now_m = self._blobs(current)
         elapsed_s = seconds_between(previous.stamp_ns, current.stamp_ns)

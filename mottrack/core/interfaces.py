@@ -6,6 +6,7 @@ class attribute: `FlowSourceBase` and `ObjectSourceBase` have the usual values.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -28,7 +29,7 @@ class TableEntry(NamedTuple):
 
 @runtime_checkable
 class FlowSource(Protocol):
-    """Measures the velocity of every cell from two sweeps.
+    """Measures the velocity of every cell from the current sweep and earlier ones.
 
     It is constructed with the keyword ``grid``, the `BevGrid` of the fields that it returns.
     """
@@ -37,14 +38,22 @@ class FlowSource(Protocol):
     """Whether it reads points; where no part does, sweeps are not loaded."""
     stateful: bool
     """Whether it must receive every sweep (a filter such as DOGMa), not only key frames'."""
+    past_sweeps: int
+    """Earlier sweeps that it makes use of, at most; at the start of a drive there are fewer."""
     error_model: VelocityErrorModel
     """Its errors beside the covariance that it states."""
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Estimate the field at ``current``; each sweep is in its own ego frame.
 
+        Args:
+            past: one to ``past_sweeps`` earlier sweeps, from the oldest to the newest. The newest
+                is the other sweep of a pair, ``pair_s`` older; the others reach back evenly to
+                ``history_s``.
+            current: the sweep whose cells get a velocity.
+
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
         ...
 
@@ -54,13 +63,14 @@ class FlowSource(Protocol):
 
 
 class FlowSourceBase:
-    """Defaults of `FlowSource`, to inherit: two-frame flow that errs as its covariance says.
+    """Defaults of `FlowSource`, to inherit: flow of two sweeps that errs as its covariance says.
 
     `mottrack calibrate-errors` tells whether it does, and the error model if not.
     """
 
     needs_sweeps: bool = True
     stateful: bool = False
+    past_sweeps: int = 1
     error_model: VelocityErrorModel = NO_OUTLIERS
 
     def reset(self) -> None:

@@ -57,10 +57,22 @@ class Settings(StrictModel):
     velocity: VelocityConfig = VelocityConfig()
     scores: ScoreConfig = ScoreConfig()
     pair_s: float = Field(
-        default=0.1, gt=0, le=0.3, description="desired time between the two sweeps of a flow"
+        default=0.1,
+        gt=0,
+        le=0.5,
+        description="desired time between the two sweeps of a flow",
     )
     max_pair_s: float = Field(
-        default=0.3, gt=0, le=0.3, description="longest time between them: objects move too far"
+        default=0.3,
+        gt=0,
+        le=0.5,
+        description="longest time between them: objects move too far",
+    )
+    history_s: float = Field(
+        default=0.5,
+        gt=0,
+        le=1.0,
+        description="age of the oldest sweep that a flow source with several past sweeps gets",
     )
     score_flow: bool = Field(default=True, description="compare the flow with truth, cell by cell")
     flow_sample_limit: int = Field(

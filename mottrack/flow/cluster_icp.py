@@ -9,6 +9,8 @@ take that of a moving neighbour if it explains them better.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydantic import Field
 
@@ -65,16 +67,16 @@ class ClusterIcpFlow(FlowSourceBase):
         """Remove the features of earlier sweeps."""
         self._stages.reset()
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field of every component that could be compared; none over a gap or a jump.
 
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
-        elapsed_seconds(previous, current)
-        if not is_measurable(previous, current):
+        elapsed_seconds(past, current)
+        if not is_measurable(past[-1], current):
             return unmeasured(self.grid, self._stages.features_of(current).obstacles[0])
-        pair = self._stages.before(previous, current)
+        pair = self._stages.before(past, current)
         if len(pair.previous) == 0 or len(pair.current) == 0:
             return unmeasured(self.grid, pair.current)
         matcher = Matcher(pair, self.config.match)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import Field
@@ -69,18 +70,18 @@ class GroundTruthFlow(FlowSourceBase):
         """Remove the stored truth at the start of a scene."""
         self._truth.clear()
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field of the truth observed last; without truth no cell is valid.
 
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
-        elapsed_seconds(previous, current)
+        elapsed_seconds(past, current)
         obstacles, _ = obstacle_points(current, self._ground)
         if not self._truth or self._truth[-1].stamp_ns != current.stamp_ns:
             return unmeasured(self.grid, obstacles)
         truth = self._truth[-1]
-        world_mps, known = self._velocities(truth, previous.stamp_ns)
+        world_mps, known = self._velocities(truth, past[-1].stamp_ns)
         ego_T_world = current.world_T_ego.inverse()
         object_of = self._cells(truth.transformed(ego_T_world, "ego"), obstacles)
         # the last row is picked by -1: background, static, known

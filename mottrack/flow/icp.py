@@ -9,6 +9,7 @@ from its last place.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,15 +113,15 @@ class IcpFlow(FlowSourceBase):
         """Remove boxes and velocities at the start of a scene."""
         self._boxes, self._last = None, None
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field of the boxes observed last; cells outside every box are not valid.
 
         No cell is where the pose jumped or `LONGEST_SEARCH_S` lie between the two sweeps.
 
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
-        elapsed_s = elapsed_seconds(previous, current)
+        elapsed_s, previous = elapsed_seconds(past, current), past[-1]
         obstacles, _ = obstacle_points(current, self._ground)
         boxes, measurable = self._boxes, is_measurable(previous, current)
         stale = boxes is None or boxes.stamp_ns != current.stamp_ns

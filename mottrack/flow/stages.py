@@ -1,6 +1,6 @@
 """The processing stages before and after a flow estimator, each switched by the configuration.
 
-    pair = stages.before(previous, current)     # ground, alignment, visibility
+    pair = stages.before(past, current)         # ground, alignment, visibility
     raw = ...                                   # any estimator, on pair.previous and pair.current
     refined = stages.after(raw, pair)           # occlusion mask, verification and refinement
 
@@ -10,6 +10,7 @@ geometry.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,10 +23,11 @@ from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.pose import Pose
-from mottrack.core.sweep import Sweep
+from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.flow.registration.refine import RefineConfig, refine
 from mottrack.flow.sweep_pair import (
     GroundStage,
+    PastSweep,
     RecentFeatures,
     SweepFeatures,
     SweepPair,
@@ -77,39 +79,53 @@ class Stages:
         self.grid = grid or BevGrid()
         self._recent = RecentFeatures(self.config.ground.reaching(self.grid))
 
-    def before(self, previous: Sweep, current: Sweep) -> SweepPair:
-        """Remove ground and ego motion from two sweeps, each in its own ego frame.
+    def before(self, past: Sequence[Sweep], current: Sweep) -> SweepPair:
+        """Remove ground and ego motion from sweeps, each in its own ego frame.
+
+        Args:
+            past: at least one, from the oldest to the newest.
+            current: the sweep to whose frame they are moved.
 
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
-        elapsed_s = elapsed_seconds(previous, current)
-        earlier, later = self._recent.of(previous), self._recent.of(current)
-        (then, then_height_m), (now, now_height_m) = earlier.obstacles, later.obstacles
-        previous_T_current = previous.world_T_ego.inverse() @ current.world_T_ego
-        then = _moved(then, previous_T_current.inverse())
-        if self.config.alignment.enabled:
-            correction = residual_motion(then.xyz_m, now.xyz_m, self.config.alignment)
-            then = _moved(then, correction)
-            previous_T_current = previous_T_current @ correction.inverse()
-        then = replace(then, world_T_ego=current.world_T_ego)
+        elapsed_seconds(past, current)
+        self._recent.keep(past[0], current)
+        later = self._recent.of(current)
+        now, now_height_m = later.obstacles
         return SweepPair(
-            previous=then,
+            past=tuple(self._past_sweep(sweep, later) for sweep in past),
             current=now,
-            previous_features=earlier,
             current_features=later,
-            previous_T_current=previous_T_current,
-            previous_height_m=then_height_m,
             current_height_m=now_height_m,
-            elapsed_s=elapsed_s,
             reach_m=self._recent.reach_m,
-            previous_seen=self._seen(earlier, then, previous_T_current),
             current_seen=self._seen(later, now, Pose.identity()),
         )
 
     def features_of(self, sweep: Sweep) -> SweepFeatures:
-        """Return what is computed of one sweep alone."""
+        """Return what is computed of one sweep alone, after a gap: the others are forgotten."""
+        self._recent.keep(sweep, sweep)
         return self._recent.of(sweep)
+
+    def _past_sweep(self, sweep: Sweep, later: SweepFeatures) -> PastSweep:
+        """Return an earlier sweep in the current frame, aligned with the current one directly."""
+        features, current = self._recent.of(sweep), later.sweep
+        then, height_m = features.obstacles
+        sweep_T_current = sweep.world_T_ego.inverse() @ current.world_T_ego
+        then = _moved(then, sweep_T_current.inverse())
+        if self.config.alignment.enabled:
+            now = later.obstacles[0]
+            correction = residual_motion(then.xyz_m, now.xyz_m, self.config.alignment)
+            then = _moved(then, correction)
+            sweep_T_current = sweep_T_current @ correction.inverse()
+        return PastSweep(
+            obstacles=replace(then, world_T_ego=current.world_T_ego),
+            height_m=height_m,
+            features=features,
+            sweep_T_current=sweep_T_current,
+            elapsed_s=seconds_between(sweep.stamp_ns, current.stamp_ns),
+            seen=self._seen(features, then, sweep_T_current),
+        )
 
     def reset(self) -> None:
         """Remove the features of earlier sweeps."""

@@ -1,10 +1,11 @@
-"""The input of a flow estimator: obstacle points of two sweeps, and what is computed of each."""
+"""The input of a flow estimator: obstacle points of sweeps, and what is computed of each."""
 
 from __future__ import annotations
 
-from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from pydantic import Field
@@ -19,9 +20,6 @@ from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.point_grid import first_in_voxel
 from mottrack.lidar.visibility import RangeImage, build_range_image, farthest_returns
-
-_RECENT_SWEEPS = 3
-"""At 20 Hz the earlier sweep of a pair is the one before the last."""
 
 LONGEST_SEARCH_S = 10.0
 """Of a longer time nothing is measured: a car may be 400 m away, and the work of a search grows
@@ -49,15 +47,19 @@ class GroundStage(StrictModel):
         return self.model_copy(update={"find": find})
 
 
-def elapsed_seconds(previous: Sweep, current: Sweep) -> float:
-    """Return the seconds from ``previous`` to ``current``.
+def elapsed_seconds(past: Sequence[Sweep], current: Sweep) -> float:
+    """Return the seconds from the newest sweep of ``past`` to ``current``.
 
     Raises:
-        InputError: ``current`` is not later than ``previous``.
+        InputError: there is no past, or the sweeps are not in order of time.
     """
-    if current.stamp_ns <= previous.stamp_ns:
-        raise InputError("stamp_ns of current", current.stamp_ns, f"> {previous.stamp_ns}")
-    return seconds_between(previous.stamp_ns, current.stamp_ns)
+    if not past:
+        raise InputError("past", "empty", "at least one earlier sweep")
+    for earlier, later in pairwise([*past, current]):
+        if later.stamp_ns <= earlier.stamp_ns:
+            name = "current" if later is current else "a past sweep"
+            raise InputError(f"stamp_ns of {name}", later.stamp_ns, f"> {earlier.stamp_ns}")
+    return seconds_between(past[-1].stamp_ns, current.stamp_ns)
 
 
 def is_measurable(previous: Sweep, current: Sweep) -> bool:
@@ -115,7 +117,7 @@ class SweepFeatures:
 
 
 class RecentFeatures:
-    """Features of the last few sweeps, since a sweep is the later and then the earlier of a pair.
+    """Features of the last sweeps, since a sweep is the current and then a past one.
 
     Sweeps are distinguished by identity.
     """
@@ -123,7 +125,7 @@ class RecentFeatures:
     def __init__(self, ground: GroundStage) -> None:
         self._ground = ground
         self.reach_m = ground.find.reach_m
-        self._recent: deque[SweepFeatures] = deque(maxlen=_RECENT_SWEEPS)
+        self._recent: list[SweepFeatures] = []
 
     def of(self, sweep: Sweep) -> SweepFeatures:
         """Return the stored features of a sweep, or new ones."""
@@ -133,37 +135,84 @@ class RecentFeatures:
         self._recent.append(SweepFeatures(sweep, self._ground))
         return self._recent[-1]
 
+    def keep(self, oldest: Sweep, newest: Sweep) -> None:
+        """Remove the features of sweeps before or after these: no later estimate asks for them."""
+        first_ns, last_ns = oldest.stamp_ns, newest.stamp_ns
+        self._recent = [f for f in self._recent if first_ns <= f.sweep.stamp_ns <= last_ns]
+
     def clear(self) -> None:
         """Remove the features of every sweep."""
         self._recent.clear()
 
 
 @dataclass(frozen=True, slots=True)
-class SweepPair:
-    """Two sweeps prepared for an estimator; everything is in the CURRENT ego frame."""
+class PastSweep:
+    """An earlier sweep, prepared for an estimator: its points are in the CURRENT ego frame."""
 
-    previous: Sweep
-    """Obstacle points of the previous sweep; ego motion (and its residual, if aligned) removed."""
+    obstacles: Sweep
+    """Obstacle points; ego motion (and its residual, if aligned) removed."""
+    height_m: F32
+    """(N,) height of each obstacle point above the ground."""
+    features: SweepFeatures
+    """In the sweep's OWN ego frame."""
+    sweep_T_current: Pose
+    """From the current ego frame to the sweep's own; corrected if aligned."""
+    elapsed_s: float
+    """Time from its stamp to the current one."""
+    seen: I8 | None
+    """(H, W) UNSEEN, FREE or OCCUPIED in this sweep; None if the stage is off."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepPair:
+    """The current sweep and its past, prepared; everything is in the CURRENT ego frame.
+
+    The newest sweep of the past is the other one of the pair, here called the previous one. The
+    older ones give longer baselines; at the start of a drive there is none.
+    """
+
+    past: tuple[PastSweep, ...]
+    """At least one, from the oldest to the newest."""
     current: Sweep
     """Obstacle points of the current sweep."""
-    previous_features: SweepFeatures
-    """Of the previous sweep, in ITS ego frame."""
     current_features: SweepFeatures
     """Of the current sweep."""
-    previous_T_current: Pose
-    """From the current ego frame to the previous sweep's own; corrected if aligned."""
-    previous_height_m: F32
-    """(N_previous,) height of each obstacle point above the ground."""
     current_height_m: F32
     """(N_current,) height of each obstacle point above the ground."""
-    elapsed_s: float
-    """Time between the two stamps."""
     reach_m: float
     """Half side of the square about the vehicle in which obstacle points are kept."""
-    previous_seen: I8 | None
-    """(H, W) UNSEEN, FREE or OCCUPIED in the previous sweep; None if the stage is off."""
     current_seen: I8 | None
-    """(H, W) the same of the current sweep."""
+    """(H, W) UNSEEN, FREE or OCCUPIED in the current sweep; None if the stage is off."""
+
+    @property
+    def previous(self) -> Sweep:
+        """Obstacle points of the previous sweep; ego motion (and its residual) removed."""
+        return self.past[-1].obstacles
+
+    @property
+    def previous_features(self) -> SweepFeatures:
+        """Of the previous sweep, in ITS ego frame."""
+        return self.past[-1].features
+
+    @property
+    def previous_T_current(self) -> Pose:
+        """From the current ego frame to the previous sweep's own; corrected if aligned."""
+        return self.past[-1].sweep_T_current
+
+    @property
+    def previous_height_m(self) -> F32:
+        """(N_previous,) height of each obstacle point above the ground."""
+        return self.past[-1].height_m
+
+    @property
+    def previous_seen(self) -> I8 | None:
+        """(H, W) UNSEEN, FREE or OCCUPIED in the previous sweep; None if the stage is off."""
+        return self.past[-1].seen
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time between the stamps of the previous and the current sweep."""
+        return self.past[-1].elapsed_s
 
 
 def flow_field(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pydantic import Field
 
 from mottrack.config import StrictModel
@@ -31,12 +33,12 @@ class ZeroFlow(FlowSourceBase):
         self.grid = grid or BevGrid()
         self._ground = self.config.ground.reaching(self.grid)
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the occupied cells of ``current``, none of them valid.
 
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
-        elapsed_seconds(previous, current)
+        elapsed_seconds(past, current)
         obstacles, _ = obstacle_points(current, self._ground)
         return unmeasured(self.grid, obstacles)

@@ -12,7 +12,7 @@ import tempfile
 import time
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,7 +87,7 @@ class CachedFlow:
 
     def __post_init__(self) -> None:
         self.needs_sweeps, self.stateful = self.source.needs_sweeps, self.source.stateful
-        self.error_model = self.source.error_model
+        self.error_model, self.past_sweeps = self.source.error_model, self.source.past_sweeps
         self._digest = digest_of(LAYOUT, self.made_with)
         if isinstance(self.source, FrameObserver):
             self.observe: Callable[[Frame], None] = self._observe
@@ -97,20 +97,20 @@ class CachedFlow:
         self._digest = digest_of(self._digest, "reset")
         self.source.reset()
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """Return the stored field for this pair, or the source's.
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
+        """Return the stored field for these sweeps, or the source's.
 
         Raises:
             StaleEntryError: the entry is of other data from here on; a source that filters can't
                 start in the middle of a scene.
         """
-        self._digest = digest_of(self._digest, previous, current)
+        self._digest = digest_of(self._digest, *past, current)
         if not self._count:
             self._open()
         self._count += 1
         if self._reads is not None:
             return self._stored(self._reads)
-        return self._measured(previous, current)
+        return self._measured(past, current)
 
     def keep(self) -> None:
         """End the scene; make what was stored an entry."""
@@ -159,11 +159,11 @@ class CachedFlow:
         charge(found.seconds, found.parts)
         return found.flow
 
-    def _measured(self, previous: Sweep, current: Sweep) -> FlowField:
+    def _measured(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         parts: dict[str, float] = {}
         start = time.perf_counter()
         with collect_timings(lambda name, s: parts.update({name: parts.get(name, 0.0) + s})):
-            flow = self.source.estimate(previous, current)
+            flow = self.source.estimate(past, current)
         seconds = time.perf_counter() - start
         charge(0.0, parts)
         if self._writes is not None:

@@ -23,8 +23,8 @@ MARGIN_M = 0.15
 """Boxes grow by this: labels are tight, and their position is off by a few centimetres."""
 FEWEST_POINTS = 5
 """Of an observable object: fewer returns are not enough for any method to match."""
-TRUTH_FRAMES = 8
-"""Recent frames whose truth is kept: 0.4 s at 20 Hz, more than the longest `pair_s` (0.3 s)."""
+TRUTH_FRAMES = 12
+"""Recent frames whose truth is kept: 0.6 s at 20 Hz, more than the longest `pair_s` (0.5 s)."""
 
 
 class _Cells(NamedTuple):
@@ -78,7 +78,7 @@ class FlowSampler:
         field, pair = step.field, step.pair
         if not self.enabled or field is None or pair is None or frame.truth is None:
             return
-        true_field = self.truth_flow.estimate(pair.previous, pair.current)
+        true_field = self.truth_flow.estimate(pair.past, pair.current)
         known = field.occupied & true_field.valid
         if frame.labelled_azimuth_rad is not None:
             known &= _between(field.grid.centres_m(), frame.labelled_azimuth_rad)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from mottrack.core.frame import Frame
@@ -65,28 +65,30 @@ class Once(Generic[R]):
 
 
 def _same(known: Any, asked: Any) -> bool:
-    """Return whether two arguments are the same object, or the same index."""
+    """Return whether two arguments are the same object, index or tuple of the same objects."""
+    if isinstance(known, tuple) and isinstance(asked, tuple):
+        return len(known) == len(asked) and all(map(_same, known, asked))
     return known is asked or (isinstance(known, int) and known == asked)
 
 
 class SharedFlow:
-    """A flow source of several runs: each pair of sweeps is measured once."""
+    """A flow source of several runs: each sweep with its past is measured once."""
 
     def __init__(self, source: FlowSource) -> None:
         self._source = source
         self.needs_sweeps, self.stateful = source.needs_sweeps, source.stateful
-        self.error_model = source.error_model
+        self.error_model, self.past_sweeps = source.error_model, source.past_sweeps
         self._estimate: Once[FlowField] = Once(source.estimate)
         if isinstance(source, FrameObserver):
             self.observe: Once[None] = Once(source.observe)
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        """Return the source's field for this pair.
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
+        """Return the source's field for these sweeps.
 
         Raises:
             MottrackError: whatever the source raises, for every run.
         """
-        return self._estimate(previous, current)
+        return self._estimate(tuple(past), current)
 
     def reset(self) -> None:
         """Reset the source."""

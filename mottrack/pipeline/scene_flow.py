@@ -23,7 +23,7 @@ from mottrack.experiment.experiment import Experiment
 from mottrack.lidar.ground import GroundConfig, find_ground
 from mottrack.lidar.in_boxes import points_in_boxes
 from mottrack.pipeline.mirrored import MirroredScene
-from mottrack.pipeline.sweep_pairs import SweepPairs
+from mottrack.pipeline.sweep_pairs import PairConfig, SweepPairs
 
 REACH_M = 50.0
 """Half the side of the square in which the challenge evaluates points."""
@@ -100,19 +100,19 @@ def fields(
     The first frame has no field: nothing follows it. A source without state is asked only for the
     frames that are needed.
     """
-    settings, stateful = experiment.settings, source.stateful
-    pairs = SweepPairs(settings.pair_s, settings.max_pair_s)
+    stateful = source.stateful
+    pairs = SweepPairs(PairConfig.of(experiment.settings, source))
     source.reset()
     for index in range(len(mirrored)):
         frame, sweep = mirrored.frame(index), mirrored.sweep(index)
         if isinstance(source, FrameObserver):
             source.observe(frame)
-        previous = pairs.push(sweep, consecutive=stateful)
-        if previous is None and stateful:
+        past = pairs.push(sweep)
+        if not past and stateful:
             source.reset()
         original = mirrored.original(index)
-        wanted = previous is not None and (stateful or original in needed)
-        yield original, source.estimate(previous, sweep) if previous and wanted else None
+        wanted = bool(past) and (stateful or original in needed)
+        yield original, source.estimate(past, sweep) if wanted else None
 
 
 def evaluated(scene: Scene, sweep: Sweep) -> Mask:

@@ -226,7 +226,7 @@ class SceneLoop:
 def flow_identity(experiment: Experiment) -> str:
     """Return the settings that decide a flow field, as text: runs of equal ones share it."""
     settings = experiment.settings
-    chosen = settings.model_dump(mode="json", include={"grid", "pair_s", "max_pair_s"})
+    chosen = settings.model_dump(mode="json", include={"grid", "pair_s", "max_pair_s", "history_s"})
     return as_text({"flow": experiment.flow.resolved(), **chosen})
 
 

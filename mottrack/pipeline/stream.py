@@ -29,17 +29,23 @@ from mottrack.experiment.experiment import Experiment, load_to_stream
 from mottrack.objects.velocity import measure_velocity
 from mottrack.pipeline.latency import TOTAL, LatencyLog, LatencyReport, StepTimes, Stopwatch
 from mottrack.pipeline.plain_input import Detections, detections_of, pose_of, sweep_of
-from mottrack.pipeline.sweep_pairs import SweepPairs
+from mottrack.pipeline.sweep_pairs import PairConfig, SweepPairs
 from mottrack.trackers.step_input import LONGEST_STEP_NS
 
 R = TypeVar("R")
 
 
 class Pair(NamedTuple):
-    """Two sweeps that flow is measured between."""
+    """Two sweeps that flow is measured between, and those before them."""
 
-    previous: Sweep
+    past: tuple[Sweep, ...]
+    """At least one, from the oldest to the newest."""
     current: Sweep
+
+    @property
+    def previous(self) -> Sweep:
+        """The earlier sweep of the two."""
+        return self.past[-1]
 
 
 class Perception(NamedTuple):
@@ -124,7 +130,7 @@ class Pipeline:
         settings = self._experiment.settings
         self.tracker: Tracker = self._experiment.tracker.make()
         self._pairs = SweepPairs(
-            settings.pair_s, settings.max_pair_s, required=self.flow.needs_sweeps
+            PairConfig.of(settings, self.flow), required=self.flow.needs_sweeps
         )
         self._stamp_ns: int | None = None
         self._had_sweep = False
@@ -230,13 +236,13 @@ class Pipeline:
             raise InputError("stamp_ns", frame.stamp_ns, expected)
 
     def _pair(self, sweep: Sweep) -> Pair | None:
-        """Return the sweep with an earlier one; None after a gap or a jump, or without points."""
+        """Return the sweep with its past; None after a gap or a jump, or without points."""
         if not len(sweep):
             return None
-        previous = self._pairs.push(sweep, consecutive=self.flow.stateful)
-        if previous is None and self.flow.stateful:
+        past = self._pairs.push(sweep)
+        if not past and self.flow.stateful:
             self.flow.reset()  # its state lies before a gap: it would refuse every later sweep
-        return None if previous is None else Pair(previous, sweep)
+        return Pair(past, sweep) if past else None
 
     def _estimate(self, pair: Pair | None) -> FlowField | None:
         if pair is None:

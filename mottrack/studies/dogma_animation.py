@@ -29,7 +29,7 @@ def map_pictures(experiment: Experiment, scene: Scene) -> Iterator[MapPicture]:
     sweeps = (scene.sweep(index) for index in range(len(scene)))
     start_ns = scene.frame(0).stamp_ns
     for previous, current in pairwise(sweeps):
-        source.estimate(previous, current)
+        source.estimate([previous], current)
         yield _picture(source, current, seconds_between(start_ns, current.stamp_ns))
 
 

@@ -66,12 +66,12 @@ def test_a_custom_flow_source_measures_a_shift_and_accepts_empty_sweeps(own_flow
         sweep(block + np.array([5.1, 3.1, 0]), 0),
         sweep(block + np.array([6.1, 3.1, 0]), 2 * 10**8),
     )
-    field = own_flow.BlobFlow(grid=BevGrid()).estimate(before, after)
+    field = own_flow.BlobFlow(grid=BevGrid()).estimate([before], after)
     np.testing.assert_allclose(field.velocity_mps[field.valid].mean(axis=0), [5.0, 0.0], atol=0.01)
     assert (field.valid == field.occupied).all()
     nothing = sweep(np.zeros((0, 3)), 10**8)
-    assert not own_flow.BlobFlow(grid=BevGrid()).estimate(before, nothing).valid.any()
-    assert not own_flow.BlobFlow(grid=BevGrid()).estimate(nothing, after).valid.any()
+    assert not own_flow.BlobFlow(grid=BevGrid()).estimate([before], nothing).valid.any()
+    assert not own_flow.BlobFlow(grid=BevGrid()).estimate([nothing], after).valid.any()
 
 
 def test_own_detections_become_a_submission(tmp_path) -> None:

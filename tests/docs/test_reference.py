@@ -23,7 +23,7 @@ def test_every_plugin_and_every_key_is_documented() -> None:
             for row in fields.rows(configuration.model_of(entry), f"{group}."):
                 assert f"| `{row.key}` |" in page
     assert "| `tracker.track_management.max_coast_s` | number, ≥&nbsp;0 | `6` |" in page
-    assert "| `pair_s` | number, >&nbsp;0, ≤&nbsp;0.3 | `0.1` |" in page
+    assert "| `pair_s` | number, >&nbsp;0, ≤&nbsp;0.5 | `0.1` |" in page
 
 
 def test_every_setting_has_a_description() -> None:

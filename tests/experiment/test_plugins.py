@@ -16,13 +16,13 @@ from mottrack.experiment.plugins import PARTS, load_part
 
 
 class MethodsOnly:
-    def estimate(self, previous: Any, current: Any) -> None: ...
+    def estimate(self, past: Any, current: Any) -> None: ...
 
     def reset(self) -> None: ...
 
 
 class Declared(MethodsOnly):
-    needs_sweeps, stateful, error_model = False, True, NO_OUTLIERS
+    needs_sweeps, stateful, past_sweeps, error_model = False, True, 1, NO_OUTLIERS
 
     def __init__(self, grid: BevGrid) -> None:
         self.grid = grid
@@ -32,7 +32,7 @@ class Inherited(FlowSourceBase):
     def __init__(self, reach_m: float = 1.0, *, grid: BevGrid) -> None:
         self.reach_m, self.grid = reach_m, grid
 
-    def estimate(self, previous: Any, current: Any) -> None: ...
+    def estimate(self, past: Any, current: Any) -> None: ...
 
 
 class Configured(Inherited):

@@ -28,7 +28,7 @@ def test_a_car_among_walls_and_posts(source, speed_mps, yaw_rad, street_of):
     street = street_of(
         car_start_m=(10.0, 0.0), speed_mps=speed_mps, car_yaw_rad=yaw_rad, ego_mps=6.0
     )
-    field = source.estimate(street.sweep(0), street.sweep(1))
+    field = source.estimate([street.sweep(0)], street.sweep(1))
     on_car = street.car_cells(1, GRID) & field.occupied
     expected = speed_mps * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
     error = np.hypot(*(field.velocity_mps[on_car] - expected).T)
@@ -40,7 +40,7 @@ def test_a_car_among_walls_and_posts(source, speed_mps, yaw_rad, street_of):
 @pytest.mark.parametrize("step", [5, 20])
 def test_a_long_gap_costs_no_more_and_the_car_is_found(source, step, street_of):
     street = street_of(speed_mps=14.0)
-    field = source.estimate(street.sweep(0), street.sweep(step))
+    field = source.estimate([street.sweep(0)], street.sweep(step))
     on_car = street.car_cells(step, GRID) & field.valid
     error = np.hypot(*(field.velocity_mps[on_car] - [14.0, 0.0]).T)
     assert on_car.any()
@@ -49,7 +49,7 @@ def test_a_long_gap_costs_no_more_and_the_car_is_found(source, step, street_of):
 
 def test_the_ends_of_a_turning_car_move_apart(source, street_of):
     street = street_of(car_start_m=(9.0, 2.0), speed_mps=6.0, turn_radps=0.45)
-    field = source.estimate(street.sweep(0), street.sweep(1))
+    field = source.estimate([street.sweep(0)], street.sweep(1))
     on_car = street.car_cells(1, GRID) & field.valid
     offset_m = GRID.centres_m()[on_car] - street.car(1).translation_m[:2]
     lateral = field.velocity_mps[on_car][:, 1]
@@ -61,7 +61,7 @@ def test_a_pose_error_is_corrected(source, street_of):
     street = street_of(speed_mps=10.0)
     before, now = street.sweep(0), street.sweep(1)
     shifted = replace(before, xyz_m=before.xyz_m + np.array([0.06, -0.05, 0], np.float32))
-    field = source.estimate(shifted, now)
+    field = source.estimate([shifted], now)
     away = field.occupied & ~street.car_cells(1, GRID)
     assert (np.hypot(*field.velocity_mps[away].T) > 0.5).mean() < 0.02
 
@@ -76,7 +76,7 @@ def test_what_was_occluded_does_not_move(source, street_of):
         xyz_m=np.concatenate([now.xyz_m, post.astype(np.float32)]),
         reflectance=np.zeros(len(now) + 60, np.float32),
     )
-    field = source.estimate(street.sweep(0), seen)
+    field = source.estimate([street.sweep(0)], seen)
     rows, cols, _ = GRID.cells(np.array([[14.0, -1.0]]))
     assert np.abs(field.velocity_mps[rows, cols]).max() == 0
 
@@ -93,7 +93,7 @@ def field_with(pair, velocity_mps):
 def street_pair(street_of):
     street = street_of(car_start_m=(10.0, 0.0), speed_mps=12.0)
     stages = Stages(StagesConfig(), GRID)
-    return street, stages, stages.before(street.sweep(0), street.sweep(1))
+    return street, stages, stages.before([street.sweep(0)], street.sweep(1))
 
 
 def test_the_claimed_motion_of_a_wall_is_withdrawn(street_pair):
@@ -134,7 +134,7 @@ def test_every_stage_can_be_switched_off(street_pair):
         {name: {"enabled": False} for name in ("ground", "alignment", "visibility", "refine")}
     )
     stages = Stages(off, GRID)
-    pair = stages.before(street.sweep(0), street.sweep(1))
+    pair = stages.before([street.sweep(0)], street.sweep(1))
     assert pair.previous_seen is None
     odometry = street.ego(0).inverse() @ street.ego(1)
     np.testing.assert_array_equal(pair.previous_T_current.matrix, odometry.matrix)
@@ -146,5 +146,5 @@ def test_every_stage_can_be_switched_off(street_pair):
 def test_config_reaches_the_stages(street_of):
     config = ClusterIcpConfig.model_validate({"stages": {"ground": {"max_height_m": 1.0}}})
     stages = Stages(config.stages, GRID)
-    pair = stages.before(street_of().sweep(0), street_of().sweep(1))
+    pair = stages.before([street_of().sweep(0)], street_of().sweep(1))
     assert pair.current_height_m.max() < 1.0

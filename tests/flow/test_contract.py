@@ -54,8 +54,8 @@ def estimate(source, street, steps=(0, 1), yaw_rad=0.0):
         if isinstance(source, FrameObserver):
             source.observe(rotated(street.frame(step), yaw_rad))
         if k:
-            pair = (rotated(street.sweep(s), yaw_rad) for s in (steps[k - 1], step))
-            field = source.estimate(*pair)
+            pair = [rotated(street.sweep(s), yaw_rad) for s in (steps[k - 1], step)]
+            field = source.estimate(pair[:1], pair[1])
     return field
 
 
@@ -81,8 +81,9 @@ def points(xyz, stamp_ns):
 def test_the_traits_are_declared(shared_source):
     assert isinstance(shared_source, FlowSource)
     declared = {name for kind in type(shared_source).__mro__[:-1] for name in vars(kind)}
-    assert {"stateful", "needs_sweeps", "error_model"} <= declared
+    assert {"stateful", "needs_sweeps", "past_sweeps", "error_model"} <= declared
     assert type(shared_source.stateful) is type(shared_source.needs_sweeps) is bool
+    assert shared_source.past_sweeps >= 1
     assert isinstance(shared_source.error_model, VelocityErrorModel)
 
 
@@ -109,7 +110,7 @@ def test_a_static_world_is_at_rest_at_every_sweep_rate(source, every, street_of)
                 boxes = (replace(b, stamp_ns=stamp_ns) for b in (frame.detections, frame.truth))
                 source.observe(Frame(stamp_ns, frame.world_T_ego, *boxes))
             pair.append(replace(street.sweep(step), stamp_ns=stamp_ns))
-        field = source.estimate(*pair)
+        field = source.estimate(pair[:1], pair[1])
     check_masks(field)
     speed_mps = np.hypot(*field.velocity_mps[field.valid].T)
     assert (speed_mps > 1.0).sum() <= 0.05 * len(speed_mps)
@@ -128,7 +129,7 @@ def test_without_state_the_same_pair_gives_the_same_field(source, street_of):
         pytest.skip("a source with state depends on the sweeps before")
     street = street_of(**STREET)
     first = estimate(source, street)
-    assert_equal(source.estimate(street.sweep(0), street.sweep(1)), first)
+    assert_equal(source.estimate([street.sweep(0)], street.sweep(1)), first)
 
 
 @pytest.mark.parametrize("yaw_rad", [0.8, -2.5])
@@ -155,16 +156,19 @@ def test_a_current_sweep_that_is_not_later_is_refused_and_the_source_goes_on(
     estimate(source, street, (0, 1))
     now = street.sweep(1)
     with pytest.raises(InputError, match="stamp_ns"):
-        source.estimate(now, replace(street.sweep(2), stamp_ns=now.stamp_ns + later))
+        source.estimate([now], replace(street.sweep(2), stamp_ns=now.stamp_ns + later))
+    for past in ([], [now, street.sweep(0)]):
+        with pytest.raises(InputError, match="past"):
+            source.estimate(past, street.sweep(2))
     if isinstance(source, FrameObserver):
         source.observe(street.frame(2))
-    assert_equal(source.estimate(now, street.sweep(2)), expected)
+    assert_equal(source.estimate([now], street.sweep(2)), expected)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_hardly_any_points(source, count):
     xyz = [(10.0 + i, 5.0, 1.0) for i in range(count)]
-    field = source.estimate(points(xyz, 0), points(xyz, 100_000_000))
+    field = source.estimate([points(xyz, 0)], points(xyz, 100_000_000))
     assert field.occupied.sum() <= count
     check_masks(field)
 
@@ -172,10 +176,10 @@ def test_hardly_any_points(source, count):
 def test_an_empty_sweep_before_or_after_a_full_one(source, street_of):
     full = street_of().sweep(1)
     empty = points([], full.stamp_ns - 100_000_000)
-    field = source.estimate(empty, full)
+    field = source.estimate([empty], full)
     assert field.occupied.sum() > 100
     check_masks(field)
-    field = source.estimate(full, points([], full.stamp_ns + 100_000_000))
+    field = source.estimate([full], points([], full.stamp_ns + 100_000_000))
     assert not field.valid.any()
     assert not field.occupied.any()
 
@@ -186,4 +190,4 @@ def test_without_state_a_gap_of_three_seconds_is_estimated(source, street_of):
     street = street_of()
     before = street.sweep(0)
     late = replace(street.sweep(1), stamp_ns=before.stamp_ns + 3_000_000_000)
-    check_masks(source.estimate(before, late))
+    check_masks(source.estimate([before], late))

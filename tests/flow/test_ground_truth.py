@@ -14,7 +14,7 @@ GRID = BevGrid(cell_m=0.25)
 def estimate(source, street, steps=(0, 1)):
     for step in steps:
         source.observe(street.frame(step))
-    return source.estimate(street.sweep(steps[-2]), street.sweep(steps[-1]))
+    return source.estimate([street.sweep(steps[-2])], street.sweep(steps[-1]))
 
 
 def test_difference_of_positions_over_elapsed_time_in_the_axes_of_the_ego(street_of):
@@ -47,7 +47,7 @@ def test_an_object_not_annotated_before_is_not_valid(street_of):
     street = street_of()
     source = GroundTruthFlow(grid=GRID)
     source.observe(street.frame(1))
-    field = source.estimate(street.sweep(0), street.sweep(1))
+    field = source.estimate([street.sweep(0)], street.sweep(1))
     on_car = street.car_cells(1, GRID) & field.occupied
     assert not field.valid[on_car].any()
     assert field.valid[field.occupied & ~on_car].mean() > 0.9
@@ -60,7 +60,7 @@ def test_truth_at_key_frames_only_is_looked_back_to(street_of):
     bare = street.frame(2)
     source.observe(Frame(bare.stamp_ns, bare.world_T_ego))
     source.observe(street.frame(3))
-    field = source.estimate(street.sweep(2), street.sweep(3))
+    field = source.estimate([street.sweep(2)], street.sweep(3))
     on_car = street.car_cells(3, GRID) & field.valid & field.occupied
     np.testing.assert_allclose(field.velocity_mps[on_car][:, 0], 5.0, atol=1e-4)
 
@@ -70,4 +70,4 @@ def test_without_truth_nothing_is_valid_and_reset_forgets(street_of):
     source = GroundTruthFlow(grid=GRID)
     assert estimate(source, street).valid.any()
     source.reset()
-    assert not source.estimate(street.sweep(0), street.sweep(1)).valid.any()
+    assert not source.estimate([street.sweep(0)], street.sweep(1)).valid.any()

@@ -13,7 +13,7 @@ GRID = BevGrid(cell_m=0.5)
 
 def car_velocity(source, street, steps=(0, 1)):
     source.observe(street.frame(steps[-1]))
-    field = source.estimate(street.sweep(steps[-2]), street.sweep(steps[-1]))
+    field = source.estimate([street.sweep(steps[-2])], street.sweep(steps[-1]))
     on_car = street.car_cells(steps[-1], GRID) & field.valid
     return np.median(field.velocity_mps[on_car], axis=0) if on_car.any() else None
 
@@ -42,14 +42,14 @@ def test_a_cluster_of_few_points_is_refused(street_of):
     keep[on_car[5:]] = False
     source = IcpFlow(grid=GRID)
     source.observe(street.frame(1))
-    assert not source.estimate(street.sweep(0), sweep.select(keep)).valid.any()
+    assert not source.estimate([street.sweep(0)], sweep.select(keep)).valid.any()
 
 
 def test_cells_outside_every_box_are_not_valid(street_of):
     street = street_of()
     source = IcpFlow(grid=GRID)
     source.observe(street.frame(1))
-    field = source.estimate(street.sweep(0), street.sweep(1))
+    field = source.estimate([street.sweep(0)], street.sweep(1))
     assert field.valid.any()
     assert not field.valid[GRID.cells(np.array([[20.0, 14.0]]))[:2]].any()
 
@@ -58,4 +58,4 @@ def test_boxes_of_another_stamp_are_not_used(street_of):
     street = street_of()
     source = IcpFlow(grid=GRID)
     source.observe(street.frame(0))
-    assert not source.estimate(street.sweep(0), street.sweep(1)).valid.any()
+    assert not source.estimate([street.sweep(0)], street.sweep(1)).valid.any()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -100,8 +101,8 @@ class ConstantFlow(FlowSourceBase):
     def __init__(self, *, grid: BevGrid) -> None:
         self.grid = grid
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
-        del previous  # the velocity is constant
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
+        del past  # the velocity is constant
         grid = self.grid
         occupied = grid.occupancy(current.xyz_m[current.xyz_m[:, 2] > 0.3])
         shape = grid.shape

@@ -126,7 +126,7 @@ def test_flow_gets_worse(kind: str) -> None:
             source.observe(scene.frame(index))
         if index:
             pair = scene.sweep(index - 1), scene.sweep(index)
-            fields.append((plain.estimate(*pair), stressed.estimate(*pair)))
+            fields.append((plain.estimate(pair[:1], pair[1]), stressed.estimate(pair[:1], pair[1])))
     true, found = fields[-1]
     assert found.stamp_ns == true.stamp_ns
     if kind == "flow_late":

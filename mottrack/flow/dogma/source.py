@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from pydantic import Field
 
@@ -73,18 +74,18 @@ class DogmaFlow(FlowSourceBase):
             raise InputError("sweeps since reset()", 0, "at least one")
         return self._map, is_moving(self._map, self.config.readout)
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field at `current`, after all sweeps given since `reset`.
 
-        The filter is updated with those of the two sweeps that it has not had yet, so a scene may
-        be given as overlapping pairs.
+        The filter is updated with `current` and the newest of `past` if it has not had them yet,
+        so a scene may be given as overlapping pairs.
 
         Raises:
-            InputError: `current` is not later than `previous` and than every sweep before.
+            InputError: the sweeps, and every one before, are not in order of time.
         """
-        elapsed_seconds(previous, current)
-        if self._last is None or previous.stamp_ns > self._last.stamp_ns:
-            self._update(previous)
+        elapsed_seconds(past, current)
+        if self._last is None or past[-1].stamp_ns > self._last.stamp_ns:
+            self._update(past[-1])
         return self._update(current)
 
     def _update(self, sweep: Sweep) -> FlowField:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
 
 SHIPPED = Path(__file__).parent / "weights"
 """Folder of the weights that come with the package."""
+
+
+MOST_SWEEPS = 12
+"""Half a second at 20 Hz, with the current sweep."""
 
 
 def weights_path(name: str) -> Path:
@@ -56,6 +61,9 @@ class PillarFlowConfig(StrictModel):
     threads: int = Field(0, ge=0, description="CPU threads; 0: as the process is set")
     stages: StagesConfig = Field(default_factory=StagesConfig)
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
+    sweeps: int = Field(
+        2, ge=2, le=MOST_SWEEPS, description="sweeps in use, the current one among them"
+    )
     max_gap_s: float = Field(0.5, gt=0, description="over a longer gap no cell is valid")
     max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
 
@@ -95,6 +103,7 @@ class PillarFlow(FlowSourceBase):
         self.grid = grid or BevGrid()
         self.errors_name = self.config.weights + ("" if self.config.refined else "_raw")
         self.error_model = shipped_errors(self.errors_name)
+        self.past_sweeps = self.config.sweeps - 1
         self.stages = Stages(self.config.stages, self.grid)
         weights = load_weights(weights_path(self.config.weights))
         self.cells = weights.network.cells(self.grid)
@@ -104,18 +113,18 @@ class PillarFlow(FlowSourceBase):
             weights, device=self.config.device, precision=self.config.precision
         )
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Estimate the field at `current`.
 
         Over a gap longer than `max_gap_s`, or where the pose jumped, no cell is valid.
 
         Raises:
-            InputError: ``current`` is not later than ``previous``.
+            InputError: the sweeps are not in order of time.
         """
-        gap_s = elapsed_seconds(previous, current)
-        if gap_s > self.config.max_gap_s or has_jumped(previous, current):
+        gap_s = elapsed_seconds(past, current)
+        if gap_s > self.config.max_gap_s or has_jumped(past[-1], current):
             return unmeasured(self.grid, self.stages.features_of(current).obstacles[0])
-        pair = self.stages.before(previous, current)
+        pair = self.stages.before(past, current)
         field = self.raw(pair)
         return self.stages.after(field, pair) if self.config.refined else field
 

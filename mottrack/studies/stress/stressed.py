@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -156,6 +157,7 @@ class StressedFlow:
         """Take over the source's traits: it does not know of the damage."""
         self.stateful: bool = self.source.stateful
         self.needs_sweeps: bool = self.source.needs_sweeps
+        self.past_sweeps: int = self.source.past_sweeps
         self.error_model: VelocityErrorModel = self.source.error_model
 
     def observe(self, frame: Frame) -> None:
@@ -169,13 +171,13 @@ class StressedFlow:
         self._recent.clear()
         self._number = 0
 
-    def estimate(self, previous: Sweep, current: Sweep) -> FlowField:
+    def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field at `current`, worse.
 
         Raises:
-            InputError: `current` is not later than `previous`.
+            InputError: the sweeps are not in order of time.
         """
-        found = self.source.estimate(previous, current)
+        found = self.source.estimate(past, current)
         self._number += 1
         rng = self.stress.rng("flow", self._number)
         if self.stress.kind == FLOW_NOISE:

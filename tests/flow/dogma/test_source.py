@@ -52,7 +52,7 @@ def sweep(k, *, yaw_rad=0.0, speed_mps=8.0, rings=32, sector_deg=360.0, empty=Fa
 
 def drive(source, count=11, **more):
     for k in range(1, count):
-        field = source.estimate(sweep(k - 1, **more), sweep(k, **more))
+        field = source.estimate([sweep(k - 1, **more)], sweep(k, **more))
     return field
 
 
@@ -104,9 +104,9 @@ def test_reset_begins_anew_and_pairs_may_skip_sweeps():
     again = drive(source, 4)
     np.testing.assert_array_equal(first.velocity_mps, again.velocity_mps)
     skipping = DogmaFlow(config(), grid=GRID)
-    skipping.estimate(sweep(0), sweep(1))
+    skipping.estimate([sweep(0)], sweep(1))
     np.testing.assert_array_equal(
-        skipping.estimate(sweep(2), sweep(3)).velocity_mps, first.velocity_mps
+        skipping.estimate([sweep(2)], sweep(3)).velocity_mps, first.velocity_mps
     )
 
 
@@ -121,13 +121,13 @@ def test_static_cells_may_be_reported_as_zero():
 def test_an_empty_sweep_gives_an_empty_field_and_the_map_is_kept():
     source = DogmaFlow(config(), grid=GRID)
     drive(source)
-    gone = source.estimate(sweep(10), sweep(11, empty=True))
+    gone = source.estimate([sweep(10)], sweep(11, empty=True))
     assert not gone.occupied.any()
     assert not gone.valid.any()
     assert source.grid_map.masses.occupied.max() > 0.5
-    back = source.estimate(sweep(11, empty=True), sweep(12))
+    back = source.estimate([sweep(11, empty=True)], sweep(12))
     assert back.velocity_mps[box_cells(back, count=12)].mean(axis=0)[0] > 6.0
-    nothing = DogmaFlow(config(), grid=GRID).estimate(sweep(0, empty=True), sweep(1, empty=True))
+    nothing = DogmaFlow(config(), grid=GRID).estimate([sweep(0, empty=True)], sweep(1, empty=True))
     assert not nothing.valid.any()
 
 
@@ -142,12 +142,12 @@ def test_a_stamp_that_is_not_later_is_refused_and_changes_nothing():
     source = DogmaFlow(config(), grid=GRID)
     drive(source, 4)
     with pytest.raises(InputError, match=r"stamp_ns of current is \d+, expected > \d+"):
-        source.estimate(sweep(3), sweep(2))
+        source.estimate([sweep(3)], sweep(2))
     untouched = DogmaFlow(config(), grid=GRID)
     drive(untouched, 4)
     np.testing.assert_array_equal(
-        source.estimate(sweep(3), sweep(4)).velocity_mps,
-        untouched.estimate(sweep(3), sweep(4)).velocity_mps,
+        source.estimate([sweep(3)], sweep(4)).velocity_mps,
+        untouched.estimate([sweep(3)], sweep(4)).velocity_mps,
     )
 
 
@@ -157,7 +157,7 @@ def test_a_stamp_that_is_not_later_is_refused_and_changes_nothing():
 def test_a_gap_or_a_jump_begins_a_new_map(late):
     source = DogmaFlow(config(), grid=GRID)
     drive(source, 4)
-    field = source.estimate(sweep(3), late)
+    field = source.estimate([sweep(3)], late)
     assert field.occupied.any()
     assert not field.valid.any()
 

@@ -33,7 +33,7 @@ def test_they_are_small_and_documented(file: Path) -> None:
 def test_raw_network_beats_no_flow_on_a_held_out_pair(make: type[PillarFlow]) -> None:
     pair = world_pair(654_321, 0, {})
     source = make(make.Config(refined=False))
-    field = source.estimate(pair.previous, pair.current)
+    field = source.estimate([pair.previous], pair.current)
     moving = np.linalg.norm(pair.labels.velocity_mps, axis=1) > 1.0
     rows, columns, inside = field.grid.cells(pair.current.xyz_m[moving])
     truth = pair.labels.velocity_mps[moving][inside]

@@ -77,7 +77,7 @@ def _source(file: Path, **settings: object) -> PillarFlow:
 def test_it_is_a_flow_source_with_a_field_on_the_grid(file: Path) -> None:
     source = _source(file)
     assert isinstance(source, FlowSource)
-    field = source.estimate(_sweep(0), _sweep(100_000_000, 1))
+    field = source.estimate([_sweep(0)], _sweep(100_000_000, 1))
     assert field.grid == GRID
     assert field.occupied.any()
     assert not field.velocity_mps[~field.occupied].any()
@@ -89,17 +89,17 @@ def test_it_is_a_flow_source_with_a_field_on_the_grid(file: Path) -> None:
 def test_raw_is_what_estimate_returns_unrefined(file: Path) -> None:
     source = _source(file, refined=False)
     previous, current = _sweep(0), _sweep(100_000_000, 1)
-    field = source.estimate(previous, current)
-    raw = source.raw(source.stages.before(previous, current))
+    field = source.estimate([previous], current)
+    raw = source.raw(source.stages.before([previous], current))
     assert np.array_equal(field.velocity_mps, raw.velocity_mps)
 
 
 def test_features_of_the_earlier_sweep_are_reused_to_the_bit(file: Path) -> None:
     drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(3)]
     continued, fresh = _source(file), _source(file)
-    continued.estimate(drive[0], drive[1])
+    continued.estimate([drive[0]], drive[1])
     image = continued.stages.features_of(drive[1]).image
-    one, two = continued.estimate(drive[1], drive[2]), fresh.estimate(drive[1], drive[2])
+    one, two = continued.estimate([drive[1]], drive[2]), fresh.estimate([drive[1]], drive[2])
     assert continued.stages.features_of(drive[1]).image is image
     assert np.array_equal(one.velocity_mps, two.velocity_mps)
     assert np.array_equal(one.covariance_m2ps2, two.covariance_m2ps2)
@@ -108,10 +108,24 @@ def test_features_of_the_earlier_sweep_are_reused_to_the_bit(file: Path) -> None
     assert continued.stages.features_of(drive[1]).image is not image
 
 
+def test_a_past_of_several_sweeps_is_prepared_sweep_by_sweep(file: Path) -> None:
+    """Each as the earlier one of a pair of its own; a network of two sweeps takes the newest."""
+    drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(4)]
+    source = _source(file, sweeps=4, refined=False)
+    pair = source.stages.before(drive[:3], drive[3])
+    assert source.past_sweeps == len(pair.past) == 3
+    for sweep, past in zip(drive[:3], pair.past, strict=True):
+        alone = source.stages.before([sweep], drive[3]).past[0]
+        assert np.array_equal(past.obstacles.xyz_m, alone.obstacles.xyz_m)
+        assert past.elapsed_s == pytest.approx((drive[3].stamp_ns - sweep.stamp_ns) * 1e-9)
+    one, two = source.estimate(drive[:3], drive[3]), source.estimate(drive[2:3], drive[3])
+    assert np.array_equal(one.velocity_mps, two.velocity_mps)
+
+
 def test_half_the_time_is_twice_the_velocity(file: Path) -> None:
     source = _source(file, refined=False)
-    slow = source.estimate(_sweep(0), _sweep(100_000_000, 1))
-    fast = source.estimate(_sweep(0), _sweep(50_000_000, 1))
+    slow = source.estimate([_sweep(0)], _sweep(100_000_000, 1))
+    fast = source.estimate([_sweep(0)], _sweep(50_000_000, 1))
     assert np.allclose(2 * slow.velocity_mps, fast.velocity_mps, rtol=1e-4, atol=1e-6)
 
 
@@ -140,13 +154,13 @@ def test_folded_inference_equals_the_trained_network() -> None:
 def test_a_nearly_empty_sweep_gives_a_defined_field(file: Path, count: int) -> None:
     source, some = _source(file), _sweep(100_000_000, 1)
     little = replace(_sweep(0), xyz_m=some.xyz_m[:count], reflectance=some.reflectance[:count])
-    field = source.estimate(little, some)
+    field = source.estimate([little], some)
     assert field.occupied.any()
     assert count or not field.valid.any()
     late = replace(little, stamp_ns=200_000_000)
-    field = source.estimate(some, late)
+    field = source.estimate([some], late)
     assert field.occupied.sum() <= count
-    both = source.estimate(little, late)
+    both = source.estimate([little], late)
     assert np.isfinite(both.velocity_mps).all()
 
 
@@ -154,8 +168,8 @@ def test_wrong_order_a_gap_and_nan(file: Path) -> None:
     source, sweep = _source(file), _sweep(5)
     for stamp_ns in (5, 4):
         with pytest.raises(InputError, match="stamp_ns"):
-            source.estimate(sweep, _sweep(stamp_ns, 1))
-    gap = source.estimate(sweep, _sweep(3_000_000_005, 1))
+            source.estimate([sweep], _sweep(stamp_ns, 1))
+    gap = source.estimate([sweep], _sweep(3_000_000_005, 1))
     assert gap.occupied.any()
     assert not gap.valid.any()
     with pytest.raises(InputError, match="xyz_m"):
@@ -237,7 +251,7 @@ def test_binary_network_runs_behind_the_same_interface(tmp_path: Path) -> None:
     path = tmp_path / "binary.safetensors"
     save_weights(path, _weights(PRESETS["binary_ogm"]))
     source = BinaryOgmFlow(BinaryOgmConfig(weights=str(path)), grid=GRID)
-    field = source.estimate(_sweep(0), _sweep(100_000_000, 1))
+    field = source.estimate([_sweep(0)], _sweep(100_000_000, 1))
     assert field.occupied.any()
 
 

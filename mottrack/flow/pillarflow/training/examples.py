@@ -107,7 +107,7 @@ class ExampleBuilder:
     def build(self, labelled: LabelledPair) -> Example:
         """Prepare a pair and join it with its labels, cut to `HALF_WIDTH_M`."""
         labels = labelled.labels
-        pair = self.stages.before(_numbered(labelled.previous), _numbered(labelled.current))
+        pair = self.stages.before([_numbered(labelled.previous)], _numbered(labelled.current))
         previous, current = pair.previous, pair.current
         rows = _rows(current)
         shares = visibility_shares(pair.current_seen, pair.previous_seen, self._index, self._cells)
