@@ -196,11 +196,13 @@ class Ends:
         self.times: list[float] = []
         self._warm = warm
 
-    def begin(self, title: str, scenes: int, todo: int) -> None: ...
+    def begin(self, title: str, tasks: int, todo: int) -> None: ...
 
-    def frames(self, scene: str, done: int, total: int) -> None: ...
+    def advances(self, progress: object) -> None: ...
 
-    def scene_ends(self, _outcome: object) -> None:
+    def compiling(self) -> None: ...
+
+    def ends(self, _outcome: object) -> None:
         self.times.append(time.time())
         if len(self.times) == WARM_UP:
             self._warm.touch()

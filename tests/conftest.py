@@ -24,14 +24,14 @@ def shared_data() -> Path:
 class SilentProgress:
     """Progress that nobody watches."""
 
-    def begin(self, title: str, scenes: int, todo: int) -> None:
+    def begin(self, title: str, tasks: int, todo: int) -> None:
         self.todo = todo
 
-    def frames(self, done: object) -> None: ...
+    def advances(self, progress: object) -> None: ...
 
     def compiling(self) -> None: ...
 
-    def scene_ends(self, outcome: object) -> None: ...
+    def ends(self, outcome: object) -> None: ...
 
 
 @pytest.fixture(scope="session")

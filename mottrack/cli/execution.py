@@ -24,7 +24,7 @@ def flow_cache(most_gb: float) -> FlowCache:
 
 @dataclass(frozen=True)
 class Where:
-    """The options of ``run``, ``compare`` and ``paper`` on the machines that do the work."""
+    """The options of commands with many scenes on the machines that do the work."""
 
     workers: int = 0
     cluster: str | None = None

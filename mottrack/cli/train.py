@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mottrack.cli.arguments import Overrides
+from mottrack.cli.arguments import Cluster, Overrides, Results, Workers
+from mottrack.cli.execution import Where
 
 if TYPE_CHECKING:
     from mottrack.flow.pillarflow.training.config import ExamplesConfig, TrainConfig
@@ -17,6 +18,16 @@ if TYPE_CHECKING:
 Config = Annotated[str, typer.Argument(help="YAML file of a training run, or a shipped one")]
 Out = Annotated[Path, typer.Option("--out", help="folder of the run; a checkpoint is resumed")]
 Examples = Annotated[Path, typer.Option("--examples", help="folder of the sets of examples")]
+ExampleWorkers = Annotated[
+    int, typer.Option("--workers", min=0, help="processes that make examples; 0: one per core")
+]
+ExampleCluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        help="make the examples on Ray: ray (this machine), auto, HOST:PORT or ray://HOST:PORT",
+    ),
+]
 ExamplesOut = Annotated[Path, typer.Option("--out", help="folder of the sets of examples")]
 
 
@@ -28,12 +39,15 @@ def register(app: typer.Typer) -> None:
     app.command("export")(export)
 
 
-def train(
+def train(  # noqa: PLR0913
     config: Config,
     overrides: Overrides = None,
     *,
     out: Out,
     examples: Examples = Path("out/examples"),
+    workers: ExampleWorkers = 0,
+    cluster: ExampleCluster = None,
+    results: Results = "driver",
 ) -> None:
     """Train a PillarFlow network; under torchrun on all its processes.
 
@@ -44,7 +58,7 @@ def train(
     from mottrack.flow.pillarflow.training.trainer import run
 
     settings = _read(config, overrides or [])
-    folder = _examples(settings.examples, examples)
+    folder = _examples(settings.examples, examples, Where(workers, cluster, results))
     training, held_out = Shards(folder / "training"), Shards(folder / "validation")
     with WorkBar("train", settings.steps) as bar:
         scores = run(settings, out, training, held_out, bar.training)
@@ -53,11 +67,14 @@ def train(
             typer.echo(f"{name:20} {value:.3f}")
 
 
-def examples(
+def examples(  # noqa: PLR0913
     config: Config,
     overrides: Overrides = None,
     *,
     out: ExamplesOut = Path("out/examples"),
+    workers: Workers = 0,
+    cluster: Cluster = None,
+    results: Results = "driver",
     shard: Annotated[
         str | None,
         typer.Option("--shard", help="I/N: make a part; N machines share the folder of --out"),
@@ -68,7 +85,8 @@ def examples(
     Example: mottrack examples train_base --out out/examples
     """
     settings = _read(config, overrides or [])
-    typer.echo(str(_examples(settings.examples, out, shard)))
+    where = Where(workers, cluster, results, shard)
+    typer.echo(str(_examples(settings.examples, out, where)))
 
 
 def export(
@@ -103,7 +121,7 @@ def calibrate(
     from mottrack.studies.flow_calibration import calibrate_weights
 
     with WorkBar("pairs", pairs) as bar:
-        study = calibrate_weights(weights, pairs, bar.shards)
+        study = calibrate_weights(weights, pairs, bar.pairs)
     fit = study.calibration
     typer.echo(f"scale {fit.scale:.4g}  sigma {fit.sigma_m:.3g} m  half {fit.half_m:.3g} m")
     typer.echo(f"{'':20} before   after")
@@ -135,17 +153,19 @@ def _read(config: str, overrides: list[str]) -> TrainConfig:
         raise ConfigError(f"{path}: {format_validation_error(error, TrainConfig)}") from error
 
 
-def _examples(config: ExamplesConfig, parent: Path, shard: str | None = None) -> Path:
+def _examples(config: ExamplesConfig, parent: Path, where: Where) -> Path:
     """Make the examples; a later rank of torchrun waits for the first to have made them."""
-    from mottrack.cli.work_bar import WorkBar
-    from mottrack.runs.shard import Shard
-    from mottrack.studies.training_examples import await_examples, examples_folder, make_examples
+    from mottrack.runs.progress import TerminalProgress
+    from mottrack.runs.ray_connection import disconnect
+    from mottrack.studies.example_sets import ExampleSet, await_examples, make_examples
 
-    folder = examples_folder(config, parent)
+    examples = ExampleSet.within(parent, config)
     if int(os.environ.get("RANK", "0")):
-        await_examples(folder)
+        if os.environ.get("LOCAL_RANK") == "0" and not examples.complete.exists():
+            typer.echo(f"waiting for {examples.complete}, which the process of rank 0 writes")
+        await_examples(examples)
     else:
-        with WorkBar("examples", 0) as bar:
-            part = None if shard is None else Shard.parse(shard)
-            make_examples(config, folder, bar.shards, part)
-    return folder
+        with TerminalProgress(unit="shards") as progress:
+            make_examples(examples, execution=where.execution(), progress=progress)
+        disconnect()
+    return examples.path

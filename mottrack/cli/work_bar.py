@@ -1,4 +1,4 @@
-"""Progress of training and similar work: a bar on a terminal, lines in a log file."""
+"""Progress of training and calibration: a bar on a terminal, lines in a log file."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class WorkBar:
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def shards(self, done: int, total: int) -> None:
-        """Show the progress after each shard of examples."""
+    def pairs(self, done: int, total: int) -> None:
+        """Show the progress after each pair."""
         self._show(done, total, "")
 
     def training(self, progress: TrainingProgress) -> None:

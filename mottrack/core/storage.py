@@ -6,7 +6,7 @@ import hashlib
 import io
 import os
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,6 +30,12 @@ def write_bytes(path: Path, data: bytes) -> None:
             raise
         # a full disk is reported by a number alone
         raise type(error)(error.errno, error.strerror, str(path)) from error
+
+
+def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write contents by path within a folder, in that order."""
+    for name, data in files.items():
+        write_bytes(folder / name, data)
 
 
 def _replace(path: Path, data: bytes) -> None:

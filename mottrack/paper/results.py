@@ -34,9 +34,9 @@ from mottrack.runs.differences import Resamples, common_scenes, sample_runs
 from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.per_scene import PerScene
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Execution, RunReport, run_jobs
+from mottrack.runs.runner import Execution, RunJob, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
-from mottrack.runs.tasks import Job, Progress
+from mottrack.runs.tasks import Progress
 
 WARM_UP_FRAMES = 3
 """The first flows of a scene compile and allocate; they are left out of the runtime."""
@@ -158,7 +158,7 @@ def _run(studies: Sequence[Study], out: Path, execution: Execution, progress: Pr
     names = [(study.folder, run.variant) for study in studies for run in study.runs]
     runs = [run for study in studies for run in study.runs]
     jobs = [
-        Job(run, RunFolder(out / folder / variant))
+        RunJob(run, RunFolder(out / folder / variant))
         for run, (folder, variant) in zip(runs, names, strict=True)
     ]
     title = "runtime" if studies[0].name == RUNTIME else "paper"

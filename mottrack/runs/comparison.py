@@ -18,9 +18,9 @@ from mottrack.formats.json_text import parse_json
 from mottrack.runs.differences import RunDifferences, check_baseline, find_differences
 from mottrack.runs.equal_runs import equal_runs
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Execution, RunReport, run_jobs
+from mottrack.runs.runner import Execution, RunJob, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
-from mottrack.runs.tasks import Job, Progress
+from mottrack.runs.tasks import Progress
 from mottrack.runs.velocity_bench import FlowValue, flow_values
 
 __all__ = ["Comparison", "ScoredRun", "load_comparison", "run_comparison", "variants_of"]
@@ -90,10 +90,10 @@ def run_comparison(
     return score_runs(runs, out, baseline)
 
 
-def comparison_jobs(experiments: Sequence[Experiment], out: Path) -> list[Job]:
+def comparison_jobs(experiments: Sequence[Experiment], out: Path) -> list[RunJob]:
     """Return the runs of a sweep with their folders: ``out`` itself for one, else one in it."""
     alone = len(experiments) == 1
-    return [Job(e, RunFolder(out if alone else out / e.variant)) for e in experiments]
+    return [RunJob(e, RunFolder(out if alone else out / e.variant)) for e in experiments]
 
 
 def score_runs(runs: tuple[ScoredRun, ...], out: Path, baseline: str | None = None) -> Comparison:

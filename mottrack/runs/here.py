@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mottrack.compiled import compilation_told
-from mottrack.runs.tasks import Job, Outcome, Progress, Task, Work, attempt, seldom
+from mottrack.runs.tasks import Job, Outcome, Progress, Task, attempt, seldom
 
 
 @dataclass(frozen=True)
@@ -21,17 +21,17 @@ class Here:
     def check(self, scenes: Mapping[Job, tuple[str, ...]]) -> None:
         """Accept: this process is the one that has planned the work."""
 
-    def run(self, tasks: Sequence[Task], work: Work, progress: Progress) -> list[Outcome]:
+    def run(self, tasks: Sequence[Task], progress: Progress) -> list[Outcome]:
         """Run every task; one that raises fails alone."""
         outcomes: list[Outcome] = []
         with compilation_told(progress.compiling):
             for task in tasks:
 
                 def tell(done: int, total: int, task: Task = task) -> None:
-                    progress.frames(task.frames(done, total))
+                    progress.advances(task.progress(done, total))
 
-                found = attempt(work, task, seldom(tell))
+                found = attempt(task, seldom(tell))
                 for outcome in found:
-                    progress.scene_ends(outcome)
+                    progress.ends(outcome)
                 outcomes += found
         return outcomes

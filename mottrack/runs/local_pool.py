@@ -1,4 +1,4 @@
-"""A pool of worker processes, one scene each; if a worker dies, only its scene is lost."""
+"""A pool of worker processes, one task each; if a worker dies, only its task is lost."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ from mottrack.runs.tasks import (
     Outcome,
     Progress,
     Task,
-    Work,
     attempt,
     seldom,
 )
@@ -54,9 +53,9 @@ class LocalPool:
     def check(self, scenes: Mapping[Job, tuple[str, ...]]) -> None:
         """Accept: this machine is the one that has planned the work."""
 
-    def run(self, tasks: Sequence[Task], work: Work, progress: Progress) -> list[Outcome]:
+    def run(self, tasks: Sequence[Task], progress: Progress) -> list[Outcome]:
         """Run every task; a process that dies is replaced, and only its task is lost."""
-        pool = _Pool(work, progress, deque(tasks))
+        pool = _Pool(progress, deque(tasks))
         try:
             for _ in range(min(self.slots, len(tasks))):
                 pool.start_worker()
@@ -65,7 +64,7 @@ class LocalPool:
                     pool.receive(pool.busy[cast(Connection, connection)])
         finally:
             pool.terminate()
-        return [pool.outcomes[job.folder.path, task.scene] for task in tasks for job in task.jobs]
+        return [pool.outcomes[folder, task.name] for task in tasks for folder in task.folders]
 
 
 @dataclass
@@ -81,7 +80,6 @@ class _Worker:
 class _Pool:
     """Processes that work on one task after the other."""
 
-    work: Work
     progress: Progress
     queue: deque[Task]
     busy: dict[Connection, _Worker] = field(default_factory=dict)
@@ -92,7 +90,7 @@ class _Pool:
         """Start a process and give it a task."""
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.work), daemon=True)
+        process = context.Process(target=_serve, args=(theirs,), daemon=True)
         with _child_environment():
             process.start()
         theirs.close()
@@ -115,7 +113,7 @@ class _Pool:
         elif message == COMPILING:
             self.progress.compiling()
         else:
-            self.progress.frames(task.frames(*message))
+            self.progress.advances(task.progress(*message))
 
     def terminate(self) -> None:
         """Terminate every process, busy or idle."""
@@ -162,23 +160,23 @@ class _Pool:
 
     def _end(self, outcomes: list[Outcome]) -> None:
         for outcome in outcomes:
-            self.outcomes[outcome.folder, outcome.scene] = outcome
-            self.progress.scene_ends(outcome)
+            self.outcomes[outcome.folder, outcome.name] = outcome
+            self.progress.ends(outcome)
 
 
-def _serve(connection: Connection, work: Work) -> None:
+def _serve(connection: Connection) -> None:
     """Work on one task after the other until the parent closes the connection."""
 
     def tell(done: int, total: int) -> None:
         connection.send((done, total))
 
-    on_frame = seldom(tell)
+    on_step = seldom(tell)
     end_with_parent()
     warn_when_scarce()
     with compilation_told(lambda: connection.send(COMPILING)):
         while True:
             try:
-                connection.send(attempt(work, connection.recv(), on_frame))
+                connection.send(attempt(connection.recv(), on_step))
             except (EOFError, BrokenPipeError, ConnectionResetError):
                 return  # the parent has ended
 

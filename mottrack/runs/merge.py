@@ -10,7 +10,7 @@ from itertools import chain, zip_longest
 from pathlib import Path
 
 from mottrack.core.errors import ConfigError, ResultError, require_exists
-from mottrack.core.storage import write_bytes, write_text
+from mottrack.core.storage import write_bytes, write_files, write_text
 from mottrack.runs.run_folder import RESULT, SNAPSHOTS, RunFolder
 from mottrack.runs.runner import RunReport
 from mottrack.runs.shard import Shard, ShardRecord, read_records
@@ -132,7 +132,7 @@ def _copy(parts: list[Part], out: RunFolder) -> RunReport:
                 files = part.folder.files(scene)
                 if not any(n.endswith(RESULT) and not n.endswith(SNAPSHOTS) for n in files):
                     raise ResultError(part.folder.scene_file(scene), "file", "absent", "a result")
-                out.store_files(files)
+                write_files(out.path, files)
     for file in (first.config_file, first.identity_file):
         write_bytes(out.path / file.name, file.read_bytes())
     turns = zip_longest(*(part.record.scenes for part in parts))

@@ -1,4 +1,4 @@
-"""What a machine must have in common with the driver before it may run scenes."""
+"""What a machine must have in common with the driver before it may run tasks."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mottrack.core.errors import ConfigError, MottrackError
-from mottrack.runs.run_folder import fingerprint
 from mottrack.runs.tasks import Job
 
 
 class Expected(NamedTuple):
-    """What the driver found for one run."""
+    """What the driver found for one job."""
 
     job: Job
     fingerprint: Mapping[str, str]
-    """Configuration, version, code and weights."""
     scenes: tuple[str, ...]
 
 
@@ -26,7 +24,7 @@ class Expected(NamedTuple):
 class Requirements:
     """What every node is checked for."""
 
-    runs: tuple[Expected, ...]
+    jobs: tuple[Expected, ...]
     token: Path | None = None
     """A file that the driver has written into the folder of results; None where none is shared."""
 
@@ -37,17 +35,17 @@ class Requirements:
         Raises:
             DataError: a file of weights is missing.
         """
-        runs = (Expected(job, fingerprint(job.experiment), names) for job, names in scenes.items())
-        return cls(tuple(runs), token)
+        jobs = (Expected(job, job.fingerprint(), names) for job, names in scenes.items())
+        return cls(tuple(jobs), token)
 
     def unmet(self) -> str:
         """Return what this machine lacks, in a line; empty where it lacks nothing."""
         if self.token is not None and not self.token.exists():
             folder = self.token.parent
             return f"{folder} is not the driver's folder of results; use --results driver"
-        for run in self.runs:
+        for expected in self.jobs:
             try:
-                differs = _difference(run)
+                differs = _difference(expected)
             except MottrackError as error:
                 return str(error)
             if differs:
@@ -55,17 +53,15 @@ class Requirements:
         return ""
 
 
-def _difference(run: Expected) -> str:
-    from mottrack.runs.runner import scene_names  # it imports the executors
-
-    mine = fingerprint(run.job.experiment)
-    other = [what for what in run.fingerprint if mine.get(what) != run.fingerprint[what]]
+def _difference(expected: Expected) -> str:
+    mine, drivers = expected.job.fingerprint(), expected.fingerprint
+    other = [what for what in drivers if mine.get(what) != drivers[what]]
     if other:
         return f"another {', another '.join(other)} than the driver's"
-    there = scene_names(run.job.experiment)
-    if there != run.scenes:
-        absent = [scene for scene in run.scenes if scene not in there]
-        return f"{len(there)} scenes, expected the driver's {len(run.scenes)}" + (
+    there = expected.job.scenes()
+    if there != expected.scenes:
+        absent = [scene for scene in expected.scenes if scene not in there]
+        return f"{len(there)} scenes, expected the driver's {len(expected.scenes)}" + (
             f"; without {absent[0]}" if absent else ""
         )
     return ""

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from mottrack.compiled import COMPILING_S
-from mottrack.runs.tasks import FramesDone, Outcome
+from mottrack.runs.tasks import Outcome, TaskProgress
 
 LINE_EVERY_S = 5.0
 """Between two lines of a log file; a terminal's bar moves with every message."""
@@ -23,27 +23,29 @@ COMPILING = f"compiling, once, about {COMPILING_S:.0f} s of CPU time"
 
 @dataclass
 class WorkDone:
-    """How far a set of runs has got, in scenes of runs; a scene counts by its frames."""
+    """How far a job has got, in scenes of runs or shards; one in work counts by its steps."""
 
-    scenes: int
+    tasks: int
     todo: int
+    unit: str = "scenes"
+    """What the tasks are, in words."""
     clock: Callable[[], float] = time.monotonic
     finished: int = 0
     failed: int = 0
     _shares: dict[tuple[str, Path], float] = field(default_factory=dict)
     _start: tuple[float, float] | None = None
-    """Time and share at the first frame: imports and compilation tell nothing of what is left."""
+    """Time and share at the first step: imports and compilation tell nothing of what is left."""
 
-    def frames(self, done: FramesDone) -> None:
-        """Note the frames of a scene that are done."""
-        for folder in done.folders:
-            self._shares[done.scene, folder] = done.done / max(done.total, 1)
+    def advances(self, progress: TaskProgress) -> None:
+        """Note how far a task has got."""
+        for folder in progress.folders:
+            self._shares[progress.name, folder] = progress.done / max(progress.total, 1)
         if self._start is None:
             self._start = self.clock(), self.share
 
-    def scene_ends(self, outcome: Outcome) -> None:
-        """Note a scene that is finished or has failed."""
-        self._shares.pop((outcome.scene, outcome.folder), None)
+    def ends(self, outcome: Outcome) -> None:
+        """Note a task that is finished or has failed."""
+        self._shares.pop((outcome.name, outcome.folder), None)
         self.finished += 1
         self.failed += bool(outcome.error)
 
@@ -65,10 +67,10 @@ class WorkDone:
 
     @property
     def counted(self) -> str:
-        """Finished scenes of all, those that were stored before included."""
-        stored = self.scenes - self.todo
+        """Finished tasks of all, those that were stored before included."""
+        stored = self.tasks - self.todo
         failed = f", {self.failed} failed" if self.failed else ""
-        return f"{stored + self.finished}/{self.scenes} scenes{failed}"
+        return f"{stored + self.finished}/{self.tasks} {self.unit}{failed}"
 
 
 def duration(seconds: float) -> str:
@@ -85,12 +87,18 @@ class TerminalProgress:
     """A bar on a terminal; in a file or a pipe a line every few seconds; or nothing if quiet."""
 
     def __init__(
-        self, console: Console | None = None, *, quiet: bool = False, each_scene: bool = False
+        self,
+        console: Console | None = None,
+        *,
+        unit: str = "scenes",
+        quiet: bool = False,
+        each_scene: bool = False,
     ) -> None:
         """Start without work.
 
         Args:
             console: where it is shown.
+            unit: what the tasks are, in words.
             quiet: whether nothing is shown.
             each_scene: whether every scene that ends has a line of its own.
         """
@@ -104,7 +112,7 @@ class TerminalProgress:
         )
         self._bar = Progress(*columns, console=self._console, disable=quiet or self._lines)
         self._task = self._bar.add_task("", visible=False, now="")
-        self._work = WorkDone(0, 0)
+        self._work, self._unit = WorkDone(0, 0), unit
         self._title, self._next_line_s = "", 0.0
         self._quiet, self._each_scene, self._compiled = quiet, each_scene, False
 
@@ -120,18 +128,21 @@ class TerminalProgress:
     ) -> None:
         self._bar.stop()
 
-    def begin(self, title: str, scenes: int, todo: int) -> None:
-        """Start a new bar; scenes with a stored result are told, and count as done."""
-        self._work, self._title = WorkDone(scenes, todo), title or "run"
-        resumed = f", {scenes - todo} already stored" if todo < scenes else ""
-        self._task = self._bar.add_task(self._title, total=1.0, now=f"0/{todo} scenes{resumed}")
-        self._say(f"{self._title}: {scenes} scenes{resumed}")
+    def begin(self, title: str, tasks: int, todo: int) -> None:
+        """Start a new bar; tasks with a stored result are told, and count as done."""
+        self._work, self._title = WorkDone(tasks, todo, self._unit), title or "run"
+        resumed = f", {tasks - todo} already stored" if todo < tasks else ""
+        self._task = self._bar.add_task(
+            self._title, total=1.0, now=f"0/{todo} {self._unit}{resumed}"
+        )
+        self._say(f"{self._title}: {tasks} {self._unit}{resumed}")
         self._next_line_s = time.monotonic() + LINE_EVERY_S
 
-    def frames(self, done: FramesDone) -> None:
-        """Show the scene in progress and its frames."""
-        self._work.frames(done)
-        self._show(f"{done.scene}{'@' if done.node else ''}{done.node} {done.done}/{done.total}")
+    def advances(self, progress: TaskProgress) -> None:
+        """Show the task in progress and its steps."""
+        self._work.advances(progress)
+        at = f"@{progress.node}" if progress.node else ""
+        self._show(f"{progress.name}{at} {progress.done}/{progress.total}")
 
     def compiling(self) -> None:
         """Tell that a worker compiles, which happens once after the installation."""
@@ -140,13 +151,13 @@ class TerminalProgress:
             self._compiled = True
             self._say(COMPILING)
 
-    def scene_ends(self, outcome: Outcome) -> None:
+    def ends(self, outcome: Outcome) -> None:
         """Advance the bar; the reasons of failures are printed at the end."""
-        self._work.scene_ends(outcome)
+        self._work.ends(outcome)
         if self._each_scene and not self._quiet:
-            name = f"{outcome.folder.name}/{outcome.scene}"
+            name = f"{outcome.folder.name}/{outcome.name}"
             self._console.print(f"{name}: {outcome.error or 'done'}", highlight=False, markup=False)
-        self._show(f"{outcome.scene} failed" if outcome.error else "")
+        self._show(f"{outcome.name} failed" if outcome.error else "")
 
     def _show(self, now: str) -> None:
         parts = filter(None, (self._work.counted, self._work.left, now))

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mottrack.core.storage import write_text
+from mottrack.core.storage import write_files, write_text
 from mottrack.runs.node_check import Requirements, require_met
 from mottrack.runs.ray_connection import LOCAL, connected, worker_environment
 from mottrack.runs.ray_task import Board, Done, Needs, Place, run_task, unmet_here
-from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.tasks import ATTEMPTS, DIED, Job, Outcome, Progress, Task, Work
+from mottrack.runs.tasks import ATTEMPTS, DIED, Job, Outcome, Progress, Task
 
 POLL_S = 0.5
 """Between two looks at the progress: as often as a person reads it."""
@@ -24,7 +23,7 @@ writes a result; more would only hold memory and make an interruption slower."""
 NODE_LOSSES = 5
 """Losses of its node that a task survives: they are not its fault, but must end some time."""
 MEMORY_BYTES = 2**30
-"""Asked for until the first scene has told its peak: a worker that has imported and compiled
+"""Asked for until the first task has told its peak: a worker that has imported and compiled
 everything holds 0.6 to 0.8 GB."""
 MEMORY_MARGIN = 1.2
 """Of the largest peak so far: scenes of one data set differ by about as much."""
@@ -60,7 +59,7 @@ class RayCluster:
         ray = self._ray()
         token = None
         if self.shared:
-            token = next(iter(scenes)).folder.path.resolve() / f".token-{uuid.uuid4().hex}"
+            token = next(iter(scenes)).path.resolve() / f".token-{uuid.uuid4().hex}"
             write_text(token, "every node must see this file\n")
         self._requirements = Requirements.of(scenes, token)
         try:
@@ -79,7 +78,7 @@ class RayCluster:
             if token is not None:
                 token.unlink(missing_ok=True)
 
-    def run(self, tasks: Sequence[Task], work: Work, progress: Progress) -> list[Outcome]:
+    def run(self, tasks: Sequence[Task], progress: Progress) -> list[Outcome]:
         """Run every task; one whose worker dies is tried again, and only it is affected.
 
         A lost node is no fault of its tasks: they are tried again elsewhere. An interruption
@@ -87,12 +86,12 @@ class RayCluster:
         """
         ray = self._ray()
         needs = Needs(ray.put(self._requirements), self._checked)
-        driver = _Driver(self, ray, work, progress, deque(tasks), needs)
+        driver = _Driver(self, ray, progress, deque(tasks), needs)
         try:
             driver.run()
         finally:
             driver.cancel()
-        return [driver.outcomes[job.folder.path, task.scene] for task in tasks for job in task.jobs]
+        return [driver.outcomes[folder, task.name] for task in tasks for folder in task.folders]
 
     def _ray(self) -> Any:
         """Return Ray, connected."""
@@ -105,7 +104,6 @@ class _Driver:
 
     cluster: RayCluster
     ray: Any
-    work: Work
     progress: Progress
     queue: deque[Task]
     needs: Needs
@@ -144,11 +142,12 @@ class _Driver:
             scheduling_strategy="SPREAD",
             runtime_env=worker_environment(),
         )
-        place = Place(self.needs, self.board, self.cluster.shared)
-        self.flying[remote.remote(task, self.work, place)] = task
+        # the working folder of a node is not the driver's
+        shared = tuple(folder.resolve() for folder in task.folders) if self.cluster.shared else None
+        self.flying[remote.remote(task, Place(self.needs, self.board, shared))] = task
 
     def _memory(self) -> int:
-        """Return what a scene needs: what one has needed, but no more than the largest node has."""
+        """Return what a task needs: what one has needed, but no more than the largest node has."""
         nodes = [n["Resources"].get("memory", 0) for n in self.ray.nodes() if n["Alive"]]
         wanted = MEMORY_MARGIN * self.peak_bytes if self.peak_bytes else MEMORY_BYTES
         return int(min([wanted, max(nodes, default=wanted)]))
@@ -161,17 +160,17 @@ class _Driver:
             self._node_lost(task)
         except (errors.WorkerCrashedError, errors.OutOfMemoryError) as error:
             self._died(task, type(error).__name__)
-        except errors.RayError as error:  # not of the scene: those are among the outcomes
+        except errors.RayError as error:  # not of the task: those are among the outcomes
             self._finish(task.failed(_last_line(error)))
         else:
             self.peak_bytes = max(self.peak_bytes, done.peak_bytes)
             stored = (o for o in done.outcomes if not o.error)
             for outcome, files in zip(stored, done.files, strict=False):
-                RunFolder(outcome.folder).store_files(files)
+                write_files(outcome.folder, files)
             self._finish(done.outcomes)
 
     def _node_lost(self, task: Task) -> None:
-        key = task.jobs[0].folder.path, task.scene
+        key = task.folders[0], task.name
         self.lost[key] = self.lost.get(key, 0) + 1
         if self.lost[key] > NODE_LOSSES:
             self._finish(task.failed(f"its node was lost {self.lost[key]} times"))
@@ -186,16 +185,16 @@ class _Driver:
 
     def _finish(self, outcomes: list[Outcome]) -> None:
         for outcome in outcomes:
-            self.outcomes[outcome.folder, outcome.scene] = outcome
-            self.progress.scene_ends(outcome)
+            self.outcomes[outcome.folder, outcome.name] = outcome
+            self.progress.ends(outcome)
 
     def _show(self) -> None:
         try:
             told = self.ray.get(self.board.drain.remote(), timeout=POLL_S)
         except (self.ray.exceptions.RayError, TimeoutError):
             return  # the board is for the eye alone
-        for done in told:
-            self.progress.frames(done)
+        for progress in told:
+            self.progress.advances(progress)
 
 
 def _answers(ray: Any, asked: Mapping[str, Any]) -> dict[str, tuple[str, str]]:

@@ -48,6 +48,13 @@ def connected(address: str, workers: int) -> Any:
     return ray
 
 
+def disconnect() -> None:
+    """Leave the cluster; one of this machine alone ends, and its workers' memory is free."""
+    ray = sys.modules.get("ray")
+    if ray is not None and ray.is_initialized():
+        ray.shutdown()
+
+
 def _require_answer(address: str) -> None:
     """Connect to ``HOST:PORT`` and hang up: Ray itself waits for minutes where nobody answers.
 

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mottrack.runs.node_check import Requirements, node_name
-from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.tasks import FramesDone, Outcome, Task, Work, attempt, seldom
+from mottrack.runs.tasks import Outcome, Task, TaskProgress, attempt, seldom
 
 
 class Done(NamedTuple):
@@ -20,7 +19,8 @@ class Done(NamedTuple):
 
     outcomes: list[Outcome]
     files: Sequence[Mapping[str, bytes]]
-    """Per finished run its files; none where the task has written them."""
+    """Of each outcome without an error, contents by path within its folder; none where the task
+    has written them."""
     peak_bytes: int
     """Of the worker, so far."""
 
@@ -29,13 +29,13 @@ class Board:
     """An actor that gathers the progress of all tasks."""
 
     def __init__(self) -> None:
-        self._last: dict[tuple[str, tuple[Path, ...]], FramesDone] = {}
+        self._last: dict[tuple[str, tuple[Path, ...]], TaskProgress] = {}
 
-    def tell(self, done: FramesDone) -> None:
-        """Note how many frames of a scene are done."""
-        self._last[done.scene, done.folders] = done
+    def tell(self, progress: TaskProgress) -> None:
+        """Note how far a task has got."""
+        self._last[progress.name, progress.folders] = progress
 
-    def drain(self) -> list[FramesDone]:
+    def drain(self) -> list[TaskProgress]:
         """Return what is new."""
         last, self._last = self._last, {}
         return list(last.values())
@@ -55,8 +55,8 @@ class Place(NamedTuple):
 
     needs: Needs
     board: Any
-    store: bool
-    """Whether the task writes its results itself."""
+    folders: tuple[Path, ...] | None
+    """Where the task stores its results; None: it returns them."""
 
 
 def unmet_here(requirements: Requirements) -> tuple[str, str]:
@@ -80,27 +80,30 @@ def _here() -> str:
     return node_name(ray.get_runtime_context().get_node_id())
 
 
-def run_task(task: Task, work: Work, place: Place) -> Done:
+def run_task(task: Task, place: Place) -> Done:
     """Run a task on a node: store its results there, or return their files."""
     node, unmet = _here(), _late(place.needs)
     if unmet:
         return Done(task.failed(f"node {node}: {unmet}"), [], 0)
 
     def tell(done: int, total: int) -> None:
-        place.board.tell.remote(task.frames(done, total, node))
+        place.board.tell.remote(task.progress(done, total, node))
 
-    on_frame = seldom(tell)
-    if place.store:
-        return Done(attempt(work, task, on_frame), [], _peak_bytes())
+    on_step = seldom(tell)
+    if place.folders is not None:
+        found = attempt(task.stored_in(place.folders), on_step)
+        return Done(_of(task, found), [], _peak_bytes())
     with tempfile.TemporaryDirectory() as name:
-        folders = [RunFolder(Path(name) / str(k)) for k in range(len(task.jobs))]
-        jobs = zip(task.jobs, folders, strict=True)
-        inside = replace(task, jobs=tuple(replace(job, folder=f) for job, f in jobs))
-        found = attempt(work, inside, on_frame)
-        files = [RunFolder(o.folder).files(o.scene) for o in found if not o.error]
-    own = zip(found, task.jobs, strict=True)
-    outcomes = [replace(outcome, folder=job.folder.path) for outcome, job in own]
-    return Done(outcomes, files, _peak_bytes())
+        inside = task.stored_in([Path(name) / str(k) for k in range(len(task.folders))])
+        found = attempt(inside, on_step)
+        files = [inside.files(outcome.folder) for outcome in found if not outcome.error]
+    return Done(_of(task, found), files, _peak_bytes())
+
+
+def _of(task: Task, found: Sequence[Outcome]) -> list[Outcome]:
+    """Return the outcomes with the folders that the driver knows."""
+    own = zip(found, task.folders, strict=True)
+    return [replace(outcome, folder=folder) for outcome, folder in own]
 
 
 def _peak_bytes() -> int:

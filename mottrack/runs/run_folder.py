@@ -19,7 +19,7 @@ from mottrack.core.errors import ConfigError, DataError, ResultError, require_ex
 from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects, load_objects, save_objects
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
-from mottrack.core.storage import discard_unfinished, write_bytes, write_text
+from mottrack.core.storage import discard_unfinished, write_text
 from mottrack.eval.sceneflow.stored import load_sums, save_sums
 from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
@@ -113,20 +113,11 @@ class RunFolder:
             ConfigError: the folder holds results of another configuration, code or weights.
             DataError: a file of weights is missing.
         """
-        wanted = fingerprint(experiment)
-        if self.identity_file.exists():
-            stored = _read_json(self.identity_file)
-            other = [what for what in (wanted | stored) if stored.get(what) != wanted.get(what)]
-            if other:
-                raise ConfigError(
-                    f"{self.path} holds results of another {', another '.join(other)} (run.json); "
-                    "choose another --out or remove the folder"
-                )
-            return
-        header = f"# resolved configuration, sha256 {experiment.hash}\n"
-        text = yaml.safe_dump(experiment.resolved(), sort_keys=False, allow_unicode=True)
-        write_text(self.config_file, header + text)
-        write_text(self.identity_file, json.dumps(wanted, indent=2) + "\n")
+        if not self.identity_file.exists():
+            header = f"# resolved configuration, sha256 {experiment.hash}\n"
+            text = yaml.safe_dump(experiment.resolved(), sort_keys=False, allow_unicode=True)
+            write_text(self.config_file, header + text)
+        claim(self.identity_file, fingerprint(experiment))
 
     def remove_partial(self) -> None:
         """Remove the temporary files of writers that were killed."""
@@ -163,15 +154,11 @@ class RunFolder:
         result.save(self.scene_file(result.name))
 
     def files(self, scene: str) -> dict[str, bytes]:
-        """Read the stored files of a scene, by name; its result comes last."""
+        """Read the stored files of a scene by path within the folder; its result comes last."""
         beside = (self.snapshots_file, self.objects_file, self.scene_flow_file)
         paths = (self.timings_file, self.latency_file, *beside, self.scene_file)
-        return {path.name: path.read_bytes() for f in paths if (path := f(scene)).exists()}
-
-    def store_files(self, files: Mapping[str, bytes]) -> None:
-        """Write what `files` of another folder has read, in that order."""
-        for name, data in files.items():
-            write_bytes(self.path / "scenes" / Path(name).name, data)
+        stored = [path for f in paths if (path := f(scene)).exists()]
+        return {str(path.relative_to(self.path)): path.read_bytes() for path in stored}
 
     def load(self, scene: str, *, flow: bool = True) -> SceneResult:
         """Read a stored result with its timings; the samples of the flow only if asked for.
@@ -317,6 +304,24 @@ def pick_scene(run: Path, scene: str | None) -> str:
     if scene not in names:
         raise unknown_name(f"scene of {run}", scene, names)
     return scene
+
+
+def claim(file: Path, made_with: Mapping[str, str]) -> None:
+    """Note what the results of the file's folder are made with, or compare it with the note.
+
+    Raises:
+        ConfigError: the folder holds results of another configuration, code or weights.
+    """
+    if not file.exists():
+        write_text(file, json.dumps(dict(made_with), indent=2) + "\n")
+        return
+    stored = _read_json(file)
+    other = [what for what in {**made_with, **stored} if stored.get(what) != made_with.get(what)]
+    if other:
+        raise ConfigError(
+            f"{file.parent} holds results of another {', another '.join(other)} ({file.name}); "
+            "choose another --out or remove the folder"
+        )
 
 
 def fingerprint(experiment: Experiment) -> dict[str, str]:

@@ -6,11 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
 from mottrack.core.errors import ConfigError, ResultError
 from mottrack.core.storage import write_text
 
+T = TypeVar("T")
 RECORD = "shards.json"
 
 
@@ -51,9 +52,9 @@ class Shard:
         """Whether it is all of the run."""
         return self.count == 1
 
-    def of(self, scenes: Sequence[str]) -> tuple[str, ...]:
-        """Return its part of the scenes of a run, given in order."""
-        return tuple(scenes[self.index - 1 :: self.count])
+    def of(self, items: Sequence[T]) -> tuple[T, ...]:
+        """Return its part of the scenes of a run, or of other items, given in order."""
+        return tuple(items[self.index - 1 :: self.count])
 
 
 @dataclass(frozen=True)

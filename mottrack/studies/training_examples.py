@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +15,6 @@ from mottrack.core.arrays import F32, I16, I64
 from mottrack.core.errors import ConfigError
 from mottrack.core.interfaces import Scene
 from mottrack.core.objects import Truth
-from mottrack.core.processes import end_with_parent
 from mottrack.core.sweep import seconds_between
 from mottrack.experiment.plugins import load_part
 from mottrack.experiment.validation_message import format_validation_error
@@ -32,24 +26,21 @@ from mottrack.flow.pillarflow.training.examples import (
     labels_from_tracks,
 )
 from mottrack.flow.pillarflow.training.shards import write_shard
-from mottrack.runs.shard import Shard
-from mottrack.runs.tasks import DIED
+from mottrack.runs.tasks import OnStep, Outcome, Task
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
 
-SPLITS = ("validation", "training")
-COMPLETE = "complete"
-"""Name of the empty file that says that a folder has all its shards."""
 HELD_OUT_EVERY = 5
 """Every fifth recorded scene is held out: the usual 80 to 20 split."""
 MAX_FRAMES_BACK = 10
 """The earlier sweep of a recorded pair is at most so many frames older: a second at 10 Hz."""
-OnShard = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class ShardJob:
-    """One shard to be made by a process of its own."""
+class ShardTask(Task):
+    """One shard of a set of examples."""
 
+    folder: Path
+    """Of the set."""
     config: ExamplesConfig
     split: str
     """`training` or `validation`."""
@@ -59,79 +50,43 @@ class ShardJob:
     """Number of examples."""
     shards: int
     """Number of shards of the split."""
-    file: Path
-    """Where the shard goes."""
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """The folder of the set."""
+        return (self.folder,)
+
+    @property
+    def file(self) -> Path:
+        """Where the shard goes."""
+        return self._file(self.folder)
+
+    def work(self, on_step: OnStep) -> list[Outcome]:
+        """Make the examples and write the shard."""
+        pairs = _world_pairs(self) if self.config.dataset is None else _recorded_pairs(self)
+        builder = ExampleBuilder(remove_ground=self.config.remove_ground)
+        examples = []
+        for pair in pairs:
+            examples.append(builder.build(pair))
+            on_step(len(examples), self.count)
+        write_shard(self.file, examples)
+        return [Outcome(self.name, folder=self.folder)]
+
+    def stored_in(self, folders: Sequence[Path]) -> ShardTask:
+        """Return the same shard for another folder."""
+        (folder,) = folders
+        return replace(self, folder=folder)
+
+    def files(self, folder: Path) -> dict[str, bytes]:
+        """Read the shard."""
+        file = self._file(folder)
+        return {str(file.relative_to(folder)): file.read_bytes()}
+
+    def _file(self, folder: Path) -> Path:
+        return folder / f"{self.name}.safetensors"
 
 
-def examples_folder(config: ExamplesConfig, parent: Path) -> Path:
-    """Return a folder under `parent` whose name depends on all that changes the examples."""
-    text = config.model_dump_json(exclude={"workers"})
-    return parent / f"examples-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
-
-
-def make_examples(
-    config: ExamplesConfig, folder: Path, on_shard: OnShard, part: Shard | None = None
-) -> None:
-    """Make the missing shards of a folder; an interrupted run is resumed.
-
-    `on_shard` is called with (done, total) at the start and after each shard. With a `part` of
-    I/N only every N-th shard is made, by one machine of N that share the folder: the last to end
-    declares it complete.
-
-    Raises:
-        ConfigError: the data set has no pairs, or a process died.
-    """
-    whole = [job for split in SPLITS for job in _jobs(config, folder, split)]
-    jobs = whole if part is None else whole[part.index - 1 :: part.count]
-    missing = [job for job in jobs if not job.file.exists()]
-    for split in SPLITS:
-        (folder / split).mkdir(parents=True, exist_ok=True)
-    done = len(jobs) - len(missing)
-    on_shard(done, len(jobs))
-    for _ in _made(missing, config.workers):
-        done += 1
-        on_shard(done, len(jobs))
-    if all(job.file.exists() for job in whole):
-        (folder / COMPLETE).touch()
-
-
-def _made(jobs: Sequence[ShardJob], workers: int) -> Iterator[Path]:
-    """Make shards side by side; yield the file of each that is there."""
-    with ProcessPoolExecutor(workers, get_context("spawn"), end_with_parent) as pool:
-        waiting = {pool.submit(_make_shard, job): job for job in jobs}
-        for finished in as_completed(waiting):
-            try:
-                finished.result()
-            except BrokenProcessPool as error:
-                raise ConfigError(
-                    f"a shard of examples is missing: {DIED}; the same command makes what is "
-                    "missing, fewer examples.workers need less memory"
-                ) from error
-            yield waiting[finished].file
-
-
-def await_examples(folder: Path, poll_s: float = 1.0) -> None:
-    """Wait until another process has made them (the later ranks of `torchrun`)."""
-    while not (folder / COMPLETE).exists():
-        time.sleep(poll_s)
-
-
-def _jobs(config: ExamplesConfig, folder: Path, split: str) -> Iterator[ShardJob]:
-    total = config.pairs if split == "training" else config.validation_pairs
-    firsts = range(0, total, config.per_shard)
-    for first in firsts:
-        file = folder / split / f"{first:07d}.safetensors"
-        count = min(config.per_shard, total - first)
-        yield ShardJob(config, split, first, count, len(firsts), file)
-
-
-def _make_shard(job: ShardJob) -> None:
-    pairs = _world_pairs(job) if job.config.dataset is None else _recorded_pairs(job)
-    builder = ExampleBuilder(remove_ground=job.config.remove_ground)
-    write_shard(job.file, [builder.build(pair) for pair in pairs])
-
-
-def _world_pairs(job: ShardJob) -> Iterator[LabelledPair]:
+def _world_pairs(job: ShardTask) -> Iterator[LabelledPair]:
     seed = job.config.seed if job.split == "training" else job.config.validation_seed
     for index in range(job.first, job.first + job.count):
         yield world_pair(seed, index, job.config.world)
@@ -146,16 +101,24 @@ def world_pair(seed: int, index: int, settings: dict[str, Any]) -> LabelledPair:
         settings: those of `TrainingConfig`; the others have their defaults.
 
     Raises:
+        ConfigError: as `world_config`.
+    """
+    pair = training_pair(seed, index, world_config(settings))
+    return LabelledPair(pair.previous, pair.current, _world_labels(pair))
+
+
+def world_config(settings: dict[str, Any]) -> TrainingConfig:
+    """Check the settings of the embedded world's pairs.
+
+    Raises:
         ConfigError: a setting is unknown or out of range.
     """
     try:
-        config = TrainingConfig.model_validate(settings)
+        return TrainingConfig.model_validate(settings)
     except ValidationError as error:
         raise ConfigError(
             format_validation_error(error, TrainingConfig, prefix="examples.world")
         ) from error
-    pair = training_pair(seed, index, config)
-    return LabelledPair(pair.previous, pair.current, _world_labels(pair))
 
 
 def _world_labels(pair: TrainingPair) -> Labels:
@@ -190,7 +153,7 @@ def _means(values: F32, rows: I16, count: int) -> F32:
     return (np.stack(sums, axis=1) / points[:, None]).astype(np.float32)
 
 
-def _recorded_pairs(job: ShardJob) -> Iterator[LabelledPair]:
+def _recorded_pairs(job: ShardTask) -> Iterator[LabelledPair]:
     """Draw pairs over all scenes of the split; a single scene is in both splits.
 
     Each shard draws from frames of its own first. Frames without tracks (nuScenes: all but key

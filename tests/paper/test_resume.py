@@ -30,13 +30,13 @@ class Interrupted:
     def begin(self, _title: str, _scenes: int, todo: int) -> None:
         self.todo = todo
 
-    def frames(self, done: object) -> None:
+    def advances(self, progress: object) -> None:
         pass
 
     def compiling(self) -> None:
         pass
 
-    def scene_ends(self, outcome: Outcome) -> None:
+    def ends(self, outcome: Outcome) -> None:
         assert not outcome.error
         self.left -= 1
         if not self.left:

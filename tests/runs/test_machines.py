@@ -18,9 +18,8 @@ from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.lock import only_driver
 from mottrack.runs.merge import Merged, merge_shards
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Execution, RunReport, run_jobs, scene_names, scene_task
+from mottrack.runs.runner import Execution, RunReport, SceneTask, run_jobs, scene_names
 from mottrack.runs.shard import Shard
-from mottrack.runs.tasks import Task
 
 LOCAL = LocalPool(2)
 NAMES = ("a", "b", "poison", "c", "d")
@@ -119,7 +118,7 @@ def test_runs_that_share_compute_once_and_store_the_same_bytes(
     estimate = flow.estimate
     monkeypatch.setattr(flow, "estimate", lambda *a: (pairs.append(a), estimate(*a))[1])
     scene = scene_names(job.experiment)[0]
-    scene_task(Task(scene, tuple(jobs)), lambda *_: None)
+    SceneTask(scene, tuple(jobs)).work(lambda *_: None)
     assert 0 < len(pairs) < len(job.experiment.dataset.make().scene(scene))
     times = [
         json.loads((tmp_path / "shared" / name / "scenes" / file).read_text())["flow"]
@@ -157,7 +156,7 @@ def test_cached_flow_gives_the_same_bytes_and_is_not_measured_again(
     job.folder.reserve(job.experiment)
     monkeypatch.setattr(job.experiment.flow.cls, "estimate", lambda *_: pytest.fail("measured"))
     for scene in scene_names(job.experiment):
-        (outcome,) = scene_task(Task(scene, (job,), cache=cache), lambda *_: None)
+        (outcome,) = SceneTask(scene, (job,), cache).work(lambda *_: None)
         assert not outcome.error
     assert files_of(tmp_path / "plain" / "dogma+kalman") == files_of(job.folder.path)
 

@@ -13,8 +13,7 @@ from mottrack.experiment.experiment import Experiment, compose
 from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.ray_cluster import RayCluster
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Execution, RunReport, run_jobs
-from mottrack.runs.tasks import Job
+from mottrack.runs.runner import Execution, RunJob, RunReport, run_jobs
 
 ray = pytest.importorskip("ray", reason="needs the extra ray")
 
@@ -33,7 +32,7 @@ def toys(*scenes: str, flag: Path | None = None) -> list[Experiment]:
 
 
 def run(experiments: list[Experiment], out: Path, where: Any, progress: Any) -> list[RunReport]:
-    jobs = [Job(e, RunFolder(out / e.flow.kind[-4:])) for e in experiments]
+    jobs = [RunJob(e, RunFolder(out / e.flow.kind[-4:])) for e in experiments]
     return run_jobs(jobs, execution=Execution(where), progress=progress)
 
 
@@ -51,7 +50,7 @@ def test_the_results_are_those_of_local_processes_whatever_dies(
         def __init__(self) -> None:
             self.ended = 0
 
-        def scene_ends(self, outcome: object) -> None:
+        def ends(self, outcome: object) -> None:
             self.ended += 1
             if self.ended == 4:
                 cluster.remove_node(cluster.spare.pop(), allow_graceful=False)
@@ -80,19 +79,9 @@ def test_the_results_are_those_of_local_processes_whatever_dies(
 
 
 @pytest.mark.usefixtures("cluster")
-def test_results_can_be_written_by_the_tasks_where_every_node_sees_the_folder(
-    tmp_path: Path, progress: Any
-) -> None:
-    run(toys("a", "b"), tmp_path / "driver", RayCluster(), progress)
-    run(toys("a", "b"), tmp_path / "shared", RayCluster(shared=True), progress)
-    assert files_of(tmp_path / "driver") == files_of(tmp_path / "shared")
-    assert not list(tmp_path.rglob(".token*"))
-
-
-@pytest.mark.usefixtures("cluster")
 def test_a_node_with_other_scenes_is_refused_by_name(tmp_path: Path) -> None:
     (first, _) = toys("a")
-    job, there = Job(first, RunFolder(tmp_path)), RayCluster()
+    job, there = RunJob(first, RunFolder(tmp_path)), RayCluster()
     with pytest.raises(ConfigError, match=r"node \S+/\w{6} \(and \d more nodes\): 1 scenes, exp"):
         there.check({job: ("a", "b")})
     other = replace(there, shared=True)
@@ -112,7 +101,7 @@ def test_an_interruption_cancels_what_runs_and_the_run_resumes(
     cluster: Any, tmp_path: Path, progress: Any
 ) -> None:
     class Interrupts(type(progress)):
-        def scene_ends(self, _outcome: object) -> None:
+        def ends(self, _outcome: object) -> None:
             raise KeyboardInterrupt
 
     assert cluster.address

@@ -18,8 +18,7 @@ from mottrack.runs.comparison import load_comparison, run_comparison
 from mottrack.runs.comparison_tables import comparison_tables
 from mottrack.runs.local_pool import LocalPool, _Pool, _Worker
 from mottrack.runs.run_folder import RunFolder
-from mottrack.runs.runner import Execution, run_experiment
-from mottrack.runs.tasks import Task
+from mottrack.runs.runner import Execution, SceneTask, run_experiment
 from mottrack.runs.terminal import closing_text, comparison_text
 from tests.datasets.makers import embedded_scenes, write_own_log
 
@@ -76,33 +75,14 @@ def test_results_do_not_depend_on_the_number_of_workers(tmp_path: Path, progress
     assert len(load_snapshots(tmp_path / "1" / "scenes" / "a.snapshots.npz")) == 8
 
 
-def test_a_failure_loses_only_its_scene_and_a_killed_worker_is_retried(
-    tmp_path: Path, progress
-) -> None:
-    flag = tmp_path / "flag"
-    flag.touch()
-    experiment = toy_experiment(scenes=("poison", "a", "bug", "killed", "b"), flag=str(flag))
-    report = run_experiment(
-        experiment,
-        RunFolder(tmp_path / "run"),
-        execution=Execution(LocalPool(3)),
-        progress=progress,
-    )
-    assert report.finished == ("a", "b")
-    assert report.failed["poison"] == "toy/poison.bin: point 7 is nan, expected a finite number"
-    assert report.failed["bug"].startswith("KeyError: 'bug' (toy_plugins.py:")
-    assert "its process died" in report.failed["killed"]
-    assert not flag.exists()
-
-
 def test_a_worker_that_dies_after_its_result_is_replaced(progress) -> None:
     class Dead:
         def join(self) -> None: ...
 
-    task = Task("a", ())
+    task = SceneTask("a", ())
     for served in (True, False):
         hired = []
-        pool = _Pool(lambda *_: [], progress, deque([task]))
+        pool = _Pool(progress, deque([task]))
         pool.start_worker = lambda hired=hired: hired.append(True)
         ours, theirs = multiprocessing.Pipe()
         theirs.close()

@@ -18,7 +18,7 @@ from mottrack.formats.text_table import Column, TextTable, fitted
 from mottrack.runs.conclusion import conclusion
 from mottrack.runs.differences import RunDifferences
 from mottrack.runs.progress import TerminalProgress, WorkDone, duration
-from mottrack.runs.tasks import FramesDone, Outcome
+from mottrack.runs.tasks import Outcome, TaskProgress
 
 texts = st.text("abcdefgh+_: ", min_size=1, max_size=70)
 
@@ -46,14 +46,14 @@ def test_no_line_of_a_table_is_wider_than_the_terminal_and_nothing_is_lost(
 
 def test_the_time_left_counts_frames_from_the_first_one_on() -> None:
     now = iter([10.0, 20.0, 30.0, 30.0])
-    work = WorkDone(scenes=5, todo=4, clock=lambda: next(now))
+    work = WorkDone(tasks=5, todo=4, clock=lambda: next(now))
     folders = (Path("a"), Path("b"))
-    work.frames(FramesDone("s", folders, 0, 10))
+    work.advances(TaskProgress("s", folders, 0, 10))
     assert work.left == ""
-    work.frames(FramesDone("s", folders, 5, 10))
+    work.advances(TaskProgress("s", folders, 5, 10))
     assert work.share == pytest.approx(0.25)  # half of two of four scenes
     assert work.left == "30 s left"  # a quarter took 10 s
-    work.scene_ends(Outcome("s", folder=folders[0]))
+    work.ends(Outcome("s", folder=folders[0]))
     assert work.share == pytest.approx(0.375)
     assert work.counted == "2/5 scenes"
     assert [duration(s) for s in (0.2, 59, 150, 7800)] == ["1 s", "59 s", "2 min", "2 h 10 min"]
@@ -66,7 +66,7 @@ def test_a_pipe_gets_plain_lines_and_is_told_once_of_compilation() -> None:
         progress.compiling()
         progress.compiling()
         for folder in (Path("a"), Path("b")):
-            progress.scene_ends(Outcome("s", folder=folder))
+            progress.ends(Outcome("s", folder=folder))
     lines = file.getvalue().splitlines()
     assert lines[0] == "Demo, 2 runs: 2 scenes"
     assert lines[1].startswith("compiling, once, about ")
@@ -74,7 +74,7 @@ def test_a_pipe_gets_plain_lines_and_is_told_once_of_compilation() -> None:
     quiet = io.StringIO()
     with TerminalProgress(Console(file=quiet), quiet=True) as progress:
         progress.begin("Demo", 1, 1)
-        progress.scene_ends(Outcome("s", folder=Path("a")))
+        progress.ends(Outcome("s", folder=Path("a")))
     assert quiet.getvalue() == ""
 
 

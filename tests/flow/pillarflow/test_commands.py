@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 from mottrack.cli import app
 from mottrack.core.errors import ConfigError
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
-from mottrack.studies.training_examples import examples_folder
+from mottrack.studies.example_sets import ExampleSet
 
 TINY = """
 network: small
-examples: {pairs: 2, validation_pairs: 2, per_shard: 2, workers: 1}
+examples: {pairs: 2, validation_pairs: 2, per_shard: 2}
 steps: 2
 batch_size: 1
 threads: 1
@@ -65,6 +65,6 @@ def test_an_unusable_setting_is_named(tmp_path: Path, override: str) -> None:
 
 def test_each_set_of_examples_has_a_folder_of_its_own(tmp_path: Path) -> None:
     one, two = ExamplesConfig(seed=1), ExamplesConfig(seed=2)
-    assert examples_folder(one, tmp_path) != examples_folder(two, tmp_path)
-    parallel = ExamplesConfig(seed=1, workers=7)
-    assert examples_folder(one, tmp_path) == examples_folder(parallel, tmp_path)
+    folders = [ExampleSet.within(tmp_path, config).path for config in (one, two)]
+    assert folders[0] != folders[1]
+    assert ExampleSet.within(tmp_path, ExamplesConfig(seed=1)).path == folders[0]

@@ -16,7 +16,7 @@ from mottrack import MottrackError, Objects, Pose
 from mottrack.datasets.ros import new_messages as ros
 from mottrack.runs.local_pool import _Pool, _Worker
 from mottrack.runs.lock import only_driver
-from mottrack.runs.tasks import Task
+from mottrack.runs.runner import SceneTask
 from mottrack.trackers import FixedLagTracker
 from tests.datasets import ros_log
 from tests.datasets.ros import bags
@@ -74,7 +74,7 @@ def dead_between(_root: Path) -> str:
         def start_worker(self) -> None:
             hired.append(True)
 
-    pool = Pool(lambda *_: [], Silent(), deque([Task("a", ())]))  # type: ignore[arg-type]
+    pool = Pool(Silent(), deque([SceneTask("a", ())]))  # type: ignore[arg-type]
     ours, theirs = multiprocessing.Pipe()
     theirs.close()
     pool._give_task(_Worker(_Dead(), ours, served=True))  # type: ignore[arg-type]

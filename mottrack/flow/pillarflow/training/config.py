@@ -31,7 +31,6 @@ class ExamplesConfig(StrictModel):
         True, description="remove the ground's points (false: the ablation of Table II)"
     )
     per_shard: int = Field(50, ge=1, description="examples in a shard")
-    workers: int = Field(2, ge=1, description="processes that make shards")
 
 
 class ScheduleConfig(StrictModel):

@@ -13,10 +13,11 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from mottrack.core.arrays import F32, I16
 from mottrack.core.errors import DataError
+from mottrack.core.storage import write_bytes
 from mottrack.flow.pillarflow.training.examples import Example
 
 STEP_M = 0.002
@@ -46,9 +47,7 @@ def write_shard(file: Path, examples: list[Example]) -> None:
         columns[name] = _packed(joined) if name in ("previous", "current") else joined
     columns["seen"] = np.stack([example.seen for example in examples])
     columns["elapsed_s"] = np.array([example.elapsed_s for example in examples])
-    temporary = file.with_suffix(".part")
-    save_file({k: np.ascontiguousarray(v) for k, v in columns.items()}, temporary)
-    temporary.replace(file)
+    write_bytes(file, save({k: np.ascontiguousarray(v) for k, v in columns.items()}))
 
 
 class Shards(Sequence[Example]):
