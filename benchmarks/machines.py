@@ -3,6 +3,7 @@
     kills        40 scenes of the embedded world, of which one raises and one kills its worker;
                  meanwhile workers, nodes and the driver are killed. All other results must be
                  those of an undisturbed local run, to the byte
+    examples     shards of training examples, with the same kills: the bytes of local processes
     efficiency   scenes that Ray ends in the time in which the local pool ends others, two workers
                  each, side by side, start-up apart
     kitti        the sequences of KITTI tracking, local and on the three nodes: the same bytes
@@ -57,7 +58,8 @@ def timed(*arguments: str) -> float:
 
 
 def results(out: Path) -> dict[str, bytes]:
-    return {str(f.relative_to(out)): f.read_bytes() for f in sorted(out.rglob("scenes/*.npz"))}
+    files = [*out.rglob("scenes/*.npz"), *out.rglob("*.safetensors")]
+    return {str(f.relative_to(out)): f.read_bytes() for f in sorted(files)}
 
 
 class ThreeNodes:
@@ -96,19 +98,34 @@ class ThreeNodes:
 def kills(options: argparse.Namespace, out: Path) -> list[dict[str, object]]:
     scenes, wanted = (6, 4) if options.quick else (40, 50)
     world = [f"dataset.scenes={scenes}", "dataset.duration_s=2", "flow=icp", "snapshots.scenes=0"]
-    run = ("run", "demo", "dataset.kind=faulty_plugins:FaultyWorld", *world)
     timed("run", "demo", *world, "--out", str(out / "local"), "--workers", "2")
     expected = {k: v for k, v in results(out / "local").items() if not any(p in k for p in POISON)}
+    run = ("run", "demo", "dataset.kind=faulty_plugins:FaultyWorld", *world)
+    return [{"scenes": scenes, **disturbed(run, expected, wanted, out)}]
+
+
+def examples(options: argparse.Namespace, out: Path) -> list[dict[str, object]]:
+    shards, wanted = (20, 4) if options.quick else (60, 30)
+    made = ("examples", "train_small", f"examples.pairs={2 * shards}")
+    made += ("examples.per_shard=2", "examples.validation_pairs=4")
+    timed(*made, "--out", str(out / "local"), "--workers", "2")
+    return [{"shards": shards + 2, **disturbed(made, results(out / "local"), wanted, out)}]
+
+
+def disturbed(
+    command: tuple[str, ...], expected: dict[str, bytes], wanted: int, out: Path
+) -> dict[str, object]:
+    """Run a command on three nodes, again and again, until so many processes were killed."""
     there, done, rounds, random_ = ThreeNodes(NODES), dict.fromkeys(KINDS, 0), 0, random.Random(1)
     try:
         while sum(done.values()) < wanted:
             rounds += 1
             folder = out / f"round{rounds}"
-            command = (*run, "--out", str(folder), "--cluster", there.address)
-            driver = start(*command)
+            whole = (*command, "--out", str(folder), "--cluster", there.address)
+            driver = start(*whole)
             while not finished(driver, folder, expected):
                 if driver.poll() is not None:
-                    driver = start(*command)  # resumes: the driver was killed, or luck ran out
+                    driver = start(*whole)  # resumes: the driver was killed, or luck ran out
                 time.sleep(random_.uniform(1.0, 4.0))
                 if sum(done.values()) < wanted and driver.poll() is None:
                     kind = random_.choices(KINDS, (6, 2, 2))[0]
@@ -117,7 +134,7 @@ def kills(options: argparse.Namespace, out: Path) -> list[dict[str, object]]:
                 raise SystemExit(f"{folder} differs from the local run")
     finally:
         there.stop()
-    return [{"scenes": scenes, "rounds": rounds, **done, "identical": len(expected)}]
+    return {"rounds": rounds, **done, "identical": len(expected)}
 
 
 KINDS = ("workers", "nodes", "drivers")
@@ -232,7 +249,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    measures = {"kills": kills, "efficiency": efficiency, "kitti": kitti}
+    measures = {"kills": kills, "examples": examples, "efficiency": efficiency, "kitti": kitti}
     parser.add_argument("what", choices=measures, nargs="?", default="efficiency")
     parser.add_argument("--quick", action="store_true", help="a few scenes")
     parser.add_argument("--scenes", type=int, default=60, help="of efficiency (default 60)")

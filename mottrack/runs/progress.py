@@ -33,19 +33,22 @@ class WorkDone:
     finished: int = 0
     failed: int = 0
     _shares: dict[tuple[str, Path], float] = field(default_factory=dict)
+    _ended: set[tuple[str, Path]] = field(default_factory=set)
     _start: tuple[float, float] | None = None
     """Time and share at the first step: imports and compilation tell nothing of what is left."""
 
     def advances(self, progress: TaskProgress) -> None:
-        """Note how far a task has got."""
+        """Note how far a task has got; on a cluster that may be told after its end."""
         for folder in progress.folders:
-            self._shares[progress.name, folder] = progress.done / max(progress.total, 1)
+            if (progress.name, folder) not in self._ended:
+                self._shares[progress.name, folder] = progress.done / max(progress.total, 1)
         if self._start is None:
             self._start = self.clock(), self.share
 
     def ends(self, outcome: Outcome) -> None:
         """Note a task that is finished or has failed."""
         self._shares.pop((outcome.name, outcome.folder), None)
+        self._ended.add((outcome.name, outcome.folder))
         self.finished += 1
         self.failed += bool(outcome.error)
 

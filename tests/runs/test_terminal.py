@@ -55,6 +55,8 @@ def test_the_time_left_counts_frames_from_the_first_one_on() -> None:
     assert work.left == "30 s left"  # a quarter took 10 s
     work.ends(Outcome("s", folder=folders[0]))
     assert work.share == pytest.approx(0.375)
+    work.advances(TaskProgress("s", folders[:1], 10, 10))  # a cluster tells it after the end
+    assert work.share == pytest.approx(0.375)
     assert work.counted == "2/5 scenes"
     assert [duration(s) for s in (0.2, 59, 150, 7800)] == ["1 s", "59 s", "2 min", "2 h 10 min"]
 
