@@ -53,9 +53,11 @@ oracle: $(READY)
 	-.venv-waymo/bin/python -m pip install -q --no-deps -r tests/oracle/requirements-waymo.txt
 	$(TEST_ENV) .venv-oracle/bin/python -m pytest -q tests/oracle -o addopts=
 
-peers:
+# They want old numpy, so they live in an environment of their own; then all track the same workload.
+peers: $(READY)
 	test -x .venv-peers/bin/python || $(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/python -m pip install -q -r benchmarks/peers/requirements.txt
+	$(BIN)/python benchmarks/kalman.py --quick
 
 # numba does not see that a callee in another file has changed
 forget:

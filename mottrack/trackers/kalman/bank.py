@@ -58,6 +58,10 @@ class Bank(Protocol):
         """
         ...
 
+    def update_yaw(self, rows: I64, residual: F64, variance: F64) -> None:
+        """Correct the headings of `rows` (n,) by residuals (n,) with variances (n,)."""
+        ...
+
     def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
         """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2).
 

@@ -8,6 +8,7 @@ covariance is diagonal, the terms between x and y in the 4x4 block stay exactly 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -115,6 +116,10 @@ class BlockBank:
         _correct_planar(self._blocks, rows, 0, xy, np.ascontiguousarray(xy_covariance))
         self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW])
 
+    def update_yaw(self, rows: I64, residual: F64, variance: F64) -> None:
+        """Correct the headings of `rows` (n,) by residuals (n,); see `Bank.update_yaw`."""
+        _correct_yaw(self._blocks, rows, residual, variance)
+
     def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
         """Correct `rows` (n,) by velocities that are correct with `weight`; see `Bank`."""
         unsure = np.flatnonzero(weight < 1.0)
@@ -177,6 +182,22 @@ def _correct_axes(blocks: Blocks, rows: I64, residual: F64, noise: F64) -> None:
                 mean[n, k + 9] += rate_gain * residual[m, k]
                 rate[n, k] -= rate_gain * cross[n, k]
                 cross[n, k] *= 1 - gain
+
+
+@compiled
+def _correct_yaw(blocks: Blocks, rows: I64, residual: F64, noise: F64) -> None:
+    """Apply scalar updates to the headings of `rows` (n,): residuals and variances (n,)."""
+    mean, variance, cross, rate = blocks.mean, blocks.variance, blocks.cross, blocks.rate
+    for m in range(len(rows)):
+        n = rows[m]
+        total = variance[n, 1] + noise[m]
+        gain, rate_gain = variance[n, 1] / total, cross[n, 1] / total
+        turned = mean[n, YAW] + gain * residual[m]
+        mean[n, YAW] = (turned + math.pi) % (2.0 * math.pi) - math.pi
+        mean[n, YAW + 7] += rate_gain * residual[m]
+        variance[n, 1] = gain * noise[m]
+        rate[n, 1] -= rate_gain * cross[n, 1]
+        cross[n, 1] *= 1 - gain
 
 
 @compiled

@@ -32,6 +32,9 @@ class ClassNoise(StrictModel):
     lateral_ratio: float = Field(
         1.0, gt=0, le=1, description="speed of a new track across its heading over that along it"
     )
+    slip_rad: float = Field(
+        0.15, gt=0, description="standard deviation of a mover's heading about its course"
+    )
 
 
 class NoiseConfig(StrictModel):
@@ -131,6 +134,24 @@ class StandingConfig(StrictModel):
     )
 
 
+class HeadingConfig(StrictModel):
+    """Front and rear of a track, and its heading by motion (`trackers.kalman.heading`)."""
+
+    p_turned: float = Field(
+        0.05, gt=0, lt=0.5, description="detections turned by pi: mean before any was seen"
+    )
+    prior_detections: float = Field(
+        20.0, gt=0, description="weight of that mean, in detections of a class"
+    )
+    switch_per_s: float = Field(
+        0.01, ge=0, description="rate at which a track comes to be turned: it took over another"
+    )
+    p_backwards: float = Field(0.01, gt=0, lt=0.5, description="share of motion that is backwards")
+    correlation_s: float = Field(
+        0.3, gt=0, description="time after which a track's velocity is a new estimate"
+    )
+
+
 class AssociationConfig(StrictModel):
     """Association of detections with tracks."""
 
@@ -200,8 +221,10 @@ class KalmanConfig(StrictModel):
     engine: Literal["block", "filterpy"] = Field(
         "block", description="block: closed form, compiled; filterpy: slow readable reference"
     )
-    yaw: Literal["vote", "published"] = Field(
-        "vote", description="how opposite headings are resolved (both compare modulo pi)"
+    yaw: Literal["estimated", "published"] = Field(
+        "estimated",
+        description="estimated: headings by detections and motion (`heading`); published: a track "
+        "is turned by each detection that contradicts it",
     )
     smooth: bool = Field(
         False, description="smooth finished tracks backwards and fill their gaps: for labels"
@@ -211,6 +234,7 @@ class KalmanConfig(StrictModel):
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
     velocity: VelocityConfig = Field(default_factory=VelocityConfig)
     standing: StandingConfig = Field(default_factory=StandingConfig)
+    heading: HeadingConfig = Field(default_factory=HeadingConfig)
     association: AssociationConfig = Field(default_factory=AssociationConfig)
     second_stage: SecondStageConfig = Field(default_factory=SecondStageConfig)
     nms: NmsConfig = Field(default_factory=NmsConfig)

@@ -22,6 +22,7 @@ from mottrack.trackers.kalman.state import (
 )
 
 OBSERVE_BOX = np.eye(STATE_SIZE)[:BOX_SIZE]
+OBSERVE_YAW = np.eye(STATE_SIZE)[[YAW]]
 OBSERVE_VELOCITY = np.eye(STATE_SIZE)[VELOCITY]
 
 
@@ -90,6 +91,11 @@ class FilterpyBank:
         noise[:, range(2, BOX_SIZE), range(2, BOX_SIZE)] = z_yaw_size_variance
         for row, y, r in zip(rows.tolist(), residual, noise, strict=True):
             self._correct(row, OBSERVE_BOX, y, r)
+
+    def update_yaw(self, rows: I64, residual: F64, variance: F64) -> None:
+        """Correct the headings of `rows` (n,); see `Bank.update_yaw`."""
+        for row, y, r in zip(rows.tolist(), residual, variance, strict=True):
+            self._correct(row, OBSERVE_YAW, np.array([y]), np.array([[r]]))
 
     def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
         """Correct `rows` (n,) by velocities that are correct with `weight`; see `Bank`."""

@@ -25,6 +25,8 @@ class NoiseRows:
     """(N,) spread of a new velocity across the heading over that along it."""
     longitudinal_ratio: F64
     """(N,) standard deviation of the centre along the heading over that across it."""
+    slip_rad: F64
+    """(N,) standard deviation of a mover's heading about its course."""
     initial: F64
     """(N, 11) variances of a new state."""
     process: F64
@@ -68,6 +70,10 @@ class NoiseTable:
         """Return the process noise (N, 11) per unit of time of those class indices (N,)."""
         return self._packed.process[index]
 
+    def slip_rad(self, index: I64) -> F64:
+        """Return the spread (N,) of a mover's heading about its course of those classes (N,)."""
+        return self._packed.slip_rad[index]
+
     def _pack(self) -> None:
         rows = self._classes
         self._position = {name: k for k, name in enumerate(self.labels)}
@@ -75,6 +81,7 @@ class NoiseTable:
             observation=np.array([r.observation for r in rows]),
             lateral_ratio=np.array([r.lateral_ratio for r in rows]),
             longitudinal_ratio=np.array([r.longitudinal_ratio for r in rows]),
+            slip_rad=np.array([r.slip_rad for r in rows]),
             initial=np.array([r.initial for r in rows]),
             process=np.array([r.process for r in rows]),
         )

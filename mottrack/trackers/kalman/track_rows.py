@@ -35,8 +35,6 @@ class TrackRows:
     """Stamp of the first detection."""
     seen_ns: I64
     """Stamp of the last detection."""
-    flips: I64
-    """Votes for the present heading against the opposite one."""
     source: I64
     """Row of this step's detection in the objects handed over; -1 while coasting."""
 
@@ -75,7 +73,6 @@ def new_tracks(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackRow
         presence=np.ones(n),
         born_ns=np.full(n, stamp_ns, np.int64),
         seen_ns=np.full(n, stamp_ns, np.int64),
-        flips=np.zeros(n, np.int64),
         source=np.full(n, -1, np.int64),
     )
 

@@ -21,6 +21,7 @@ from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.clutter import ClutterDensity, spanned_area_m2
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, error_model_of, observations_of
+from mottrack.trackers.kalman.heading import DetectedHeadings, Headings
 from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
 from mottrack.trackers.kalman.standing import (
@@ -33,12 +34,6 @@ from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELO
 from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
 from mottrack.trackers.step_input import checked_stamp, is_gap
-
-FLIP_LIMIT = 3
-"""Most votes that a heading can gather: more opposite detections in a row than this flip any box.
-
-Fewer would let single false headings flip it, more would keep a wrong first heading for longer.
-"""
 
 
 class KalmanTracker:
@@ -56,6 +51,7 @@ class KalmanTracker:
         self._bank = make_bank(self.config)
         self._tracks = TrackRows.empty()
         self._standing = Standing(self.config.standing)
+        self._headings = Headings(self.config.heading)
         self._failures = Failures.of(NO_OUTLIERS, 1.0)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
@@ -92,7 +88,9 @@ class KalmanTracker:
         self._standing.predict(*self._filters(), elapsed, unit_s)
         management.begin(tracks, seen.label, len(self._table.labels), elapsed_s)
         rows, columns = self._associate(seen, np.flatnonzero(active))
-        self._update(rows, columns, seen)
+        self._update(rows, columns, seen, elapsed_s)
+        if self.config.yaw == "estimated":
+            self._turn_by_motion(rows, elapsed_s)
         record_hits(tracks, rows, seen.score[columns], seen.source[columns], stamp_ns)
         unmatched = np.setdiff1d(np.arange(len(seen)), columns)
         if not first:  # in a first frame every object is new
@@ -123,6 +121,7 @@ class KalmanTracker:
     def _keep(self, alive: Mask) -> None:
         self._bank.keep(alive)
         self._standing.keep(alive)
+        self._headings.keep(alive)
         self._tracks.keep(alive)
 
     def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
@@ -139,14 +138,14 @@ class KalmanTracker:
             self.nis = innovation_squared(seen, tracks, (columns, rows))
         return active[rows], columns
 
-    def _update(self, rows: I64, columns: I64, seen: Detections) -> None:
+    def _update(self, rows: I64, columns: I64, seen: Detections, elapsed_s: float) -> None:
         """Apply the Kalman updates of matched tracks by the box, then by measured velocities."""
         bank = self._bank
         position = Observation(seen.box[columns, :2], seen.xy_covariance[columns])
         self._standing.observe_position(rows, position, *self._filters())
         residual = seen.box[columns] - bank.mean[rows, :BOX_SIZE]
         residual[:, YAW] = heading_residual(residual[:, YAW])
-        self._resolve_headings(rows, seen.box[columns, YAW])
+        self._weigh_headings(rows, columns, seen, elapsed_s)
         variances = seen.xy_covariance[columns], seen.z_yaw_size_variance[columns]
         bank.update_box(rows, residual, *variances)
         measured = seen.has_velocity[columns]
@@ -164,14 +163,24 @@ class KalmanTracker:
         """Return means (N, 11), and covariances of (x, y, d_x, d_y) (N, 4, 4)."""
         return self._bank.mean, np.ascontiguousarray(self._bank.xy_velocity_covariance())
 
-    def _resolve_headings(self, rows: I64, yaw_rad: F64) -> None:
-        """Flip tracks whose heading the detections contradict: at once, or by vote."""
-        opposite = np.abs(wrap_angle(yaw_rad - self._bank.mean[rows, YAW])) > np.pi / 2
-        if self.config.yaw == "vote":
-            votes = self._tracks.flips[rows] + np.where(opposite, -1, 1)
-            opposite = votes < 0
-            self._tracks.flips[rows] = np.minimum(np.abs(votes), FLIP_LIMIT)
-        self._bank.flip_heading(rows[opposite])
+    def _weigh_headings(self, rows: I64, columns: I64, seen: Detections, elapsed_s: float) -> None:
+        """Tell front from rear by the detections, or turn every track that they contradict."""
+        offset = wrap_angle(seen.box[columns, YAW] - self._bank.mean[rows, YAW])
+        if self.config.yaw == "published":
+            self._bank.flip_heading(rows[np.abs(offset) > np.pi / 2])
+            return
+        variance = self._bank.z_yaw_size_variance()[rows, 1] + seen.z_yaw_size_variance[columns, 1]
+        headings = DetectedHeadings(offset, variance, seen.label[columns])
+        self._headings.observe_detections(rows, headings, elapsed_s)
+
+    def _turn_by_motion(self, rows: I64, elapsed_s: float) -> None:
+        """Correct the headings of `rows` (n,) by the directions in which they move."""
+        share, still = self._headings.share(elapsed_s), self._standing.rows.p_standing[rows]
+        slip_rad = self._table.slip_rad(self._tracks.label[rows])
+        course = self._headings.course(rows, self._filters(), share * (1.0 - still), slip_rad)
+        self._bank.update_yaw(rows, *course)
+        turned = self._headings.observe_motion(rows, self._filters(), still, share)
+        self._bank.flip_heading(turned)
 
     def _initiate(self, columns: I64, seen: Detections, stamp_ns: int) -> None:
         """Start a track at each unmatched detection that may start one."""
@@ -195,6 +204,7 @@ class KalmanTracker:
         self._update_velocity(first + updated, updated, new)
         rows = new_tracks(self._next_id, new.label, new.score, stamp_ns)
         rows.source[:] = new.source
+        self._headings.append(new.label)
         self._tracks.append(rows)
         self._next_id += len(new)
 

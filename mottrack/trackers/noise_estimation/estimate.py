@@ -27,6 +27,8 @@ LEAST_COUNT = 20
 """A class with fewer samples keeps the noise it had: variances would be off by a third."""
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal law over its median absolute deviation."""
+CLEAR_SPEED_MPS = 1.0
+"""The direction of slower motion is that of the annotators' jitter."""
 SMALLEST_VARIANCE = 1e-4
 """(1 cm)^2: perfect detections of a simulation must not give a singular R."""
 
@@ -118,6 +120,7 @@ def _estimate_class(samples: NoiseSamples, label: str) -> ClassEstimate | None:
         process=change.process(),
         longitudinal_ratio=float(np.sqrt(longitudinal / lateral)),
         lateral_ratio=change.lateral_ratio(observation[3]),
+        slip_rad=change.slip_rad(),
     )
     outliers = int((~good.all(axis=1)).sum())
     return ClassEstimate(noise, len(error), outliers, len(change.acceleration))
@@ -156,6 +159,15 @@ class _Changes:
         """
         square = np.maximum(np.mean(self.rate**2, axis=0), SMALLEST_VARIANCE)
         return float(min(1.0, np.sqrt(square[1] / square[0] + yaw_variance)))
+
+    def slip_rad(self) -> float:
+        """Return the spread of the heading about the course of objects that clearly move."""
+        moving = self.rate[np.hypot(self.rate[:, 0], self.rate[:, 1]) > CLEAR_SPEED_MPS]
+        if len(moving) < LEAST_COUNT:
+            return float(ClassNoise.model_fields["slip_rad"].default)
+        slip = heading_residual(np.arctan2(moving[:, 1], moving[:, 0]))
+        square = float(np.mean(slip[inliers(slip)] ** 2))
+        return float(np.sqrt(max(square, SMALLEST_VARIANCE)))
 
     def process(self) -> tuple[float, ...]:
         """Return Q of box and rates per second."""

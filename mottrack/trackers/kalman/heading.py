@@ -1,0 +1,192 @@
+"""Two hypotheses of every track's heading, as its filter has it or turned by pi, and the course.
+
+The filter compares headings modulo pi: detectors mistake front and rear. Which end is the front is
+a probability p_turned beside it. A detected heading that differs from the filter's by e, whose
+variance is S, lies on the filter's side with the von Mises odds exp(2 cos(e) / S), and the detector
+turns a box with probability f:
+
+    p(e | right) = (1 - f) same + f (1 - same),    p(e | turned) = f same + (1 - f) (1 - same).
+
+f is estimated by class while the tracker runs: the mean of a Beta law, from the expected number of
+turned detections. Road users drive forward but for a share `p_backwards` of the time, so the
+velocity d ~ N(d, P) tells as well: with F = Phi(h'd / sqrt(h'P h)) the probability that it points
+along the heading h, an object that moves does so with (1 - p_backwards) F + p_backwards (1 - F),
+one that stands either way. And who moves points where it goes: the course atan2(d) is observed as a
+heading modulo pi with variance n'P n / d'd + slip^2 (n across d), over the probability that the
+track moves; near rest that is no observation at all. Velocities of successive steps are one
+estimate carried on, so both count with 1 - exp(-dt / correlation_s) of their weight.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64, Mask
+from mottrack.trackers.kalman.config import HeadingConfig
+from mottrack.trackers.kalman.state import YAW
+
+SMALLEST = 1e-12
+"""Lower bound of probabilities, shares and squared speeds: nothing is divided by 0."""
+LARGEST_VARIANCE = 1e6
+"""(1000 rad)^2: an observation modulo pi that says nothing."""
+LARGEST_ODDS = 30.0
+"""Bound of a logarithm of odds: beyond it probabilities are 0 and 1 to the last bit."""
+
+
+class DetectedHeadings(NamedTuple):
+    """Of n matched tracks."""
+
+    residual: F64
+    """(n,) detected less predicted heading, in radians, not modulo pi."""
+    variance: F64
+    """(n,) of that residual."""
+    label: I64
+    """(n,) index of the class."""
+
+
+class Course(NamedTuple):
+    """Headings observed from n velocities."""
+
+    residual: F64
+    """(n,) direction of motion less heading, modulo pi."""
+    variance: F64
+    """(n,) of that residual, without the heading's own."""
+
+
+class Headings:
+    """Probabilities of all live tracks that they are turned, row by row beside the bank."""
+
+    def __init__(self, config: HeadingConfig) -> None:
+        self._config = config
+        self.p_turned = np.zeros(0)
+        """(N,)"""
+        self._turned = np.zeros(0)
+        self._seen = np.zeros(0)
+
+    def append(self, label: I64) -> None:
+        """Add n tracks that were born at detections of these classes (n,)."""
+        self.p_turned = np.concatenate([self.p_turned, self.p_detection_turned(label)])
+
+    def keep(self, mask: Mask) -> None:
+        """Drop every track outside the mask (N,)."""
+        self.p_turned = self.p_turned[mask]
+
+    def p_detection_turned(self, label: I64) -> F64:
+        """Return f (n,), the probability that a detection of each class is turned."""
+        self._make_room(label)
+        prior = self._config.prior_detections
+        turned = self._turned[label] + self._config.p_turned * prior
+        return np.asarray(turned / (self._seen[label] + prior))
+
+    def observe_detections(self, rows: I64, seen: DetectedHeadings, elapsed_s: float) -> None:
+        """Weigh detected headings of the tracks `rows` (n,), before the bank is corrected."""
+        f = self.p_detection_turned(seen.label)
+        # a track that took over another object may be turned: both ways at one rate
+        changed = 0.5 * (1.0 - math.exp(-2.0 * self._config.switch_per_s * elapsed_s))
+        counts = self._turned, self._seen
+        _observe_detections(self.p_turned, rows, seen, (f, changed), counts)
+
+    def course(self, rows: I64, filters: tuple[F64, F64], moving: F64, slip_rad: F64) -> Course:
+        """Return the courses of the tracks `rows` (n,); `moving` (n,) is how far each counts.
+
+        `filters` are mean (N, 11) and planar covariance (N, 4, 4).
+        """
+        return Course(*_course(rows, *filters, moving, slip_rad))
+
+    def observe_motion(self, rows: I64, filters: tuple[F64, F64], still: F64, share: float) -> I64:
+        """Weigh the velocities of `rows` (n,) and return the rows that are to be turned.
+
+        `still` (n,) are the probabilities of standing, `share` the weight of the step. The rows are
+        taken as turned: their probabilities belong to the new headings.
+        """
+        backwards = self._config.p_backwards
+        _observe_motion(self.p_turned, rows, filters, still, (share, backwards))
+        turned = rows[self.p_turned[rows] > 0.5]
+        self.p_turned[turned] = 1.0 - self.p_turned[turned]
+        return turned
+
+    def share(self, elapsed_s: float) -> float:
+        """Return how much of a velocity estimate is new after a step."""
+        return 1.0 - math.exp(-elapsed_s / self._config.correlation_s)
+
+    def _make_room(self, label: I64) -> None:
+        missing = int(label.max(initial=-1)) + 1 - len(self._seen)
+        if missing > 0:
+            self._seen = np.concatenate([self._seen, np.zeros(missing)])
+            self._turned = np.concatenate([self._turned, np.zeros(missing)])
+
+
+@compiled
+def _log_odds(p: float) -> float:
+    return math.log(max(p, SMALLEST)) - math.log(max(1.0 - p, SMALLEST))
+
+
+@compiled
+def _probability(log_odds: float) -> float:
+    bounded = min(max(log_odds, -LARGEST_ODDS), LARGEST_ODDS)
+    return 1.0 / (1.0 + math.exp(-bounded))
+
+
+@compiled
+def _observe_detections(
+    p_turned: F64,
+    rows: I64,
+    seen: DetectedHeadings,
+    priors: tuple[F64, float],
+    counts: tuple[F64, F64],
+) -> None:
+    f, changed = priors
+    turned, total = counts
+    for i in range(len(rows)):
+        n, c = rows[i], seen.label[i]
+        p = p_turned[n] + (1.0 - 2.0 * p_turned[n]) * changed
+        same = _probability(2.0 * math.cos(seen.residual[i]) / seen.variance[i])
+        right = (1.0 - f[i]) * same + f[i] * (1.0 - same)
+        other = f[i] * same + (1.0 - f[i]) * (1.0 - same)
+        p = _probability(_log_odds(p) + math.log(other / right))
+        p_turned[n] = p
+        turned[c] += (1.0 - p) * (1.0 - same) + p * same
+        total[c] += 1.0
+
+
+@compiled
+def _course(rows: I64, mean: F64, planar: F64, moving: F64, slip_rad: F64) -> tuple[F64, F64]:
+    residual, variance = np.empty(len(rows)), np.empty(len(rows))
+    for i in range(len(rows)):
+        n = rows[i]
+        x, y = mean[n, 7], mean[n, 8]
+        square = x * x + y * y + SMALLEST
+        # the spread across the direction of motion: (-y, x) P (-y, x)' over the square, twice
+        p = planar[n]
+        across = (y * y * p[2, 2] - 2.0 * x * y * p[2, 3] + x * x * p[3, 3]) / square
+        own = across / square + slip_rad[i] ** 2
+        variance[i] = min(own / max(moving[i], SMALLEST), LARGEST_VARIANCE)
+        offset = math.atan2(y, x) - mean[n, YAW]
+        residual[i] = (offset + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+    return residual, variance
+
+
+@compiled
+def _observe_motion(
+    p_turned: F64,
+    rows: I64,
+    filters: tuple[F64, F64],
+    still: F64,
+    weights: tuple[float, float],
+) -> None:
+    mean, planar = filters
+    share, backwards = weights
+    for i in range(len(rows)):
+        n = rows[i]
+        p, cos, sin = planar[n], math.cos(mean[n, YAW]), math.sin(mean[n, YAW])
+        along = cos * mean[n, 7] + sin * mean[n, 8]
+        spread = cos * cos * p[2, 2] + 2.0 * cos * sin * p[2, 3] + sin * sin * p[3, 3]
+        forward = 0.5 * math.erfc(-along / math.sqrt(2.0 * spread))
+        right = (1.0 - backwards) * forward + backwards * (1.0 - forward)
+        moves = 1.0 - still[i]
+        odds = (0.5 * still[i] + moves * (1.0 - right)) / (0.5 * still[i] + moves * right)
+        p_turned[n] = _probability(_log_odds(p_turned[n]) + share * math.log(odds))
