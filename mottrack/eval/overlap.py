@@ -73,9 +73,11 @@ def best_overlaps(tracks: Outlines, truth: TrueBoxes, least_share: float) -> I64
         return np.full(len(tracks.frame), NO_OBJECT)
     first = np.searchsorted(truth.frame, tracks.frame)
     end = np.searchsorted(truth.frame, tracks.frame, side="right")
-    arrays = (tracks.corner_m, tracks.start, truth.corner_m, truth.shift_m)
-    # read-only ones would be compiled for once more
-    corner_m, start, box_m, shift_m = (np.require(array, requirements="CW") for array in arrays)
+    # read-only arrays would be compiled for once more
+    start: I64 = np.require(tracks.start, np.int64, ("C", "W"))
+    corner_m: F64 = np.require(tracks.corner_m, np.float64, ("C", "W"))
+    box_m: F64 = np.require(truth.corner_m, np.float64, ("C", "W"))
+    shift_m: F64 = np.require(truth.shift_m, np.float64, ("C", "W"))
     reach_m = 0.5 * np.hypot(*(box_m[:, 0] - box_m[:, 2]).T) + np.hypot(*shift_m.T)
     boxes = _Boxes(box_m, 0.5 * (box_m[:, 0] + box_m[:, 2]), shift_m, reach_m)
     outline = np.empty((int(np.diff(start).max()), 2))

@@ -57,10 +57,10 @@ def submission_errors(path: Path, tracks: Bodies, truth: GroundTruth) -> Submiss
     boxes = TrueBoxes(_corners(bodies), bodies.sample, shift_m)
     outlines = rectangles(_corners(tracks), tracks.sample)
     matched = best_overlaps(outlines, boxes, config.significant_overlap)
-    known: Mask = np.isfinite(tracks.velocity_mps).all(axis=1)
-    counts = known & ((matched == NO_OBJECT) | _observed(bodies)[matched])
+    known: Mask = np.asarray(np.isfinite(tracks.velocity_mps).all(axis=1))
+    counts: Mask = known & _observed(bodies)[matched]
     ends = np.searchsorted(tracks.sample, truth.samples.first)
-    scenes = []
+    scenes: list[VelocitySamples] = []
     for start, end in pairwise(ends):
         rows = start + np.flatnonzero(counts[start:end])
         velocity_mps, objects = tracks.velocity_mps[rows], matched[rows]
@@ -78,7 +78,8 @@ def _corners(bodies: Bodies) -> F64:
 
 def _observed(bodies: Bodies) -> Mask:
     """Return of which true boxes the velocity is known; one element more for `NO_OBJECT`."""
-    return np.append(np.isfinite(bodies.velocity_mps).all(axis=1), True)
+    known: Mask = np.append(np.isfinite(bodies.velocity_mps).all(axis=1), np.True_)
+    return known
 
 
 def velocity_content(errors: SubmissionErrors, classes: Sequence[str]) -> dict[str, Any]:
