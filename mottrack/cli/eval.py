@@ -63,11 +63,10 @@ def nuscenes(  # noqa: PLR0913
         bool, typer.Option("--error-classes", help="Count errors by kind, and what each costs.")
     ] = False,
     hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
-    velocity_error: Annotated[
-        bool, typer.Option("--velocity-error", help="Velocity error of the tracks by category.")
-    ] = False,
 ) -> None:
     """Compute the nuScenes tracking metrics (AMOTA, ...), equal to the devkit's.
+
+    The velocity error of the tracks by category (paper, section V-B) comes with them.
 
     Example: mottrack eval nuscenes --dataroot D --submission tracks.json --out out/eval --hota
     """
@@ -85,13 +84,6 @@ def nuscenes(  # noqa: PLR0913
 
     for text in command.evaluate(request, extras, out, warn):
         typer.echo(text)
-    if velocity_error:
-        from mottrack.pipeline.submission_velocity import velocity_report
-
-        for text in velocity_report(request, compare, out):
-            typer.echo(text)
-    else:
-        typer.echo("Velocity error of the tracks by category: add --velocity-error.")
     exit_with_warnings(warned)
 
 

@@ -12,13 +12,10 @@ from mottrack.core import Objects, Pose, Truth, TruthTable, VelocityMeasurement
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.checks import Column, Columns
 from mottrack.core.pose import wrap_angle
-from mottrack.core.sweep import seconds_between
 from mottrack.core.tables import Table
 
 DETECTOR_VELOCITY_STD_MPS = 1.0
 """Files of detections carry no uncertainty; a tracker that wants another value sets its own."""
-MAX_GAP_S = 1.5
-"""nuScenes' rule: no velocity over a one-sided gap longer than this, or twice this centred."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,32 +127,6 @@ def to_world(
     translation = np.stack([pose.translation_m for pose in poses])[pose_of_box]
     ego_yaw = np.array([pose.yaw_rad for pose in poses])[pose_of_box]
     return np.einsum("nij,nj->ni", rotation, centre_m) + translation, wrap_angle(yaw_rad + ego_yaw)
-
-
-def centred_velocities(track_id: I64, stamp_ns: I64, position_m: F64) -> F64:
-    """Return (N, 2) ground velocities in m/s of N labelled boxes given in the world frame.
-
-    Between two neighbours of the same track the difference is centred, at a track's ends it is
-    one-sided; a box alone in its track, or with a gap over `MAX_GAP_S`, has velocity NaN: it is
-    unknown, which zero would not say.
-
-    Args:
-        track_id: (N,) which track each box belongs to.
-        stamp_ns: (N,) time of each box.
-        position_m: (N, 2) or (N, 3) centre in the world frame.
-    """
-    order = np.lexsort((stamp_ns, track_id))
-    ids, stamps, xy = track_id[order], stamp_ns[order], position_m[order, :2]
-    same = ids[1:] == ids[:-1]
-    here = np.arange(len(ids))
-    before = np.where(np.concatenate([[False], same])[: len(ids)], here - 1, here)
-    after = np.where(np.concatenate([same, [False]])[: len(ids)], here + 1, here)
-    elapsed_s = seconds_between(stamps[before], stamps[after])
-    sides = (after != here).astype(int) + (before != here).astype(int)
-    known = (elapsed_s > 0.0) & (elapsed_s <= MAX_GAP_S * sides)
-    velocity = np.full((len(ids), 2), np.nan)
-    velocity[order[known]] = (xy[after] - xy[before])[known] / elapsed_s[known, None]
-    return velocity
 
 
 def unknown_velocities(count: int) -> F64:

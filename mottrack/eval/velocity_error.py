@@ -29,31 +29,29 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-import shapely
-from numpy.typing import NDArray
 from pydantic import Field
 
 from mottrack.config import StrictModel
 from mottrack.core import SceneResult
 from mottrack.core.arrays import F64, I64, Mask, Texts
+from mottrack.eval.overlap import (
+    NO_OBJECT,
+    Outlines,
+    TrueBoxes,
+    best_overlaps,
+    box_corners,
+    rectangles,
+)
 from mottrack.eval.paired import WORST_SHARE
 from mottrack.eval.streams import Distribution, Wanted
-from mottrack.geometry.iou import bev_corners, boxes7
+from mottrack.geometry.hulls import hulls_of_groups
 
-Polygons = NDArray[np.object_]
-"""Array of shapely geometries."""
 OTHER = "labels no detector reports"
 UNLABELLED = "unlabelled tracks (assumed static)"
-NO_OBJECT, LEFT_OUT = -1, -2
-_AGES = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0)
-"""Shares of a revolution by which a cluster is older than its stamp, the likeliest first; steps of
-a quarter move a box of 20 m/s by 0.5 m, well below the size of an object that fast."""
-_FRAME_SPACING_M = 1e6
-"""Frames are laid side by side at this distance, farther than a scene extends, to search the
-neighbours in all of them at once."""
+LEFT_OUT = -2
+"""Of a track whose true box has no velocity that was observed."""
 FAST_MPS = 3.0
 """The paper's border between slow and fast objects."""
 CATEGORIES = (
@@ -138,13 +136,26 @@ def velocity_samples(
     matched = match_by_overlap(result, config.significant_overlap, config.revolution_s)
     reported = np.isfinite(tracks.velocity_mps).all(axis=1)
     counts = (matched != LEFT_OUT) & (tracks.observed | config.coasting) & reported
-    rows, objects = np.flatnonzero(counts), matched[counts]
-    has = objects != NO_OBJECT
-    true_velocity = np.zeros((len(rows), 2))
-    true_velocity[has] = truth.velocity_mps[objects[has]]
-    label = np.full(len(rows), "", dtype=truth.label.dtype if len(truth) else np.dtype("U1"))
-    label[has] = truth.label[objects[has]]
-    error = tracks.velocity_mps[rows] - true_velocity
+    return samples_of(tracks.velocity_mps[counts], matched[counts], truth.velocity_mps, truth.label)
+
+
+def samples_of(
+    velocity_mps: F64, matched: I64, true_velocity_mps: F64, true_label: Texts
+) -> VelocitySamples:
+    """Return the errors of track rows.
+
+    Args:
+        velocity_mps: (N, 2) of the tracks.
+        matched: (N,) row of each one's object, or NO_OBJECT.
+        true_velocity_mps: (M, 2) of the objects.
+        true_label: (M,) their classes.
+    """
+    has = matched != NO_OBJECT
+    true_velocity = np.zeros((len(matched), 2))
+    true_velocity[has] = true_velocity_mps[matched[has]]
+    label = np.full(len(matched), "", dtype=true_label.dtype if len(true_label) else "U1")
+    label[has] = true_label[matched[has]]
+    error = velocity_mps - true_velocity
     return VelocitySamples(np.hypot(*error.T), np.hypot(*true_velocity.T), label)
 
 
@@ -153,67 +164,31 @@ def match_by_overlap(
 ) -> I64:
     """Return for every track row the row of its object in truth, NO_OBJECT or LEFT_OUT, (N,)."""
     truth = result.truth
-    matched = np.full(len(result.tracks), NO_OBJECT)
-    if not len(truth) or not len(matched):
-        return matched
-    corners = bev_corners(boxes7(truth.centre_m, truth.size_m, truth.yaw_rad))
-    shift_m = revolution_s * np.nan_to_num(truth.velocity_mps)
-    hulls = _hulls(result)
-    near = _neighbours(result, hulls, corners, shift_m)
-    for age in _AGES:
-        boxes = shapely.polygons(corners[near.box] - age * shift_m[near.box, None])
-        shared_m2 = shapely.area(shapely.intersection(hulls[near.row], boxes))
-        share = shared_m2 / shapely.area(hulls)[near.row]
-        order = np.lexsort((near.box, -share, near.row))  # of equal shares the first box
-        rows, first = np.unique(near.row[order], return_index=True)
-        best = order[first]
-        found = share[best] >= significant_overlap
-        matched[rows[found]] = near.box[best[found]]
-        moves = shift_m[near.box].any(axis=1)
-        near = near.select((matched[near.row] == NO_OBJECT) & np.isin(near.row, near.row[moves]))
+    order = np.argsort(truth.frame, kind="stable")
+    boxes = TrueBoxes(
+        box_corners(truth.centre_m, truth.size_m, truth.yaw_rad)[order],
+        truth.frame[order],
+        revolution_s * np.nan_to_num(truth.velocity_mps)[order],
+    )
+    matched = best_overlaps(_outlines(result), boxes, significant_overlap)
     has = matched != NO_OBJECT
+    matched[has] = order[matched[has]]
     # an interpolated box was not annotated, and NaN says that the labels hold no velocity
     unknown = truth.interpolated | np.isnan(truth.velocity_mps).any(axis=1)
     matched[has] = np.where(unknown[matched[has]], LEFT_OUT, matched[has])
     return matched
 
 
-class _Neighbours(NamedTuple):
-    """Pairs of a track and a true box of the same frame that may overlap."""
-
-    row: I64
-    """(P,) row of the track."""
-    box: I64
-    """(P,) row of the true box."""
-
-    def select(self, mask: Mask) -> _Neighbours:
-        return _Neighbours(self.row[mask], self.box[mask])
-
-
-def _hulls(result: SceneResult) -> Polygons:
-    """Return the hull of every track row as a polygon, that of its box where it has none, (N,)."""
+def _outlines(result: SceneResult) -> Outlines:
+    """Return the hull of every track row, that of its box where it has none."""
     tracks = result.tracks
-    boxes = bev_corners(boxes7(tracks.centre_m, tracks.size_m, tracks.yaw_rad))
-    shapes = [h if len(h) >= 3 else box for h, box in zip(result.hulls, boxes, strict=True)]
-    row = np.repeat(np.arange(len(shapes)), [len(shape) for shape in shapes])
-    hulls: Polygons = shapely.convex_hull(shapely.multipoints(np.concatenate(shapes), indices=row))
-    return hulls
-
-
-def _neighbours(result: SceneResult, hulls: Polygons, corners: F64, shift_m: F64) -> _Neighbours:
-    """Return the pairs whose bounding boxes meet, the true box swept by its shift either way."""
-    reach_m = np.abs(shift_m)
-    swept = np.hstack([corners.min(axis=1) - reach_m, corners.max(axis=1) + reach_m])
-    tree = shapely.STRtree(_side_by_side(swept, result.truth.frame))
-    row, box = tree.query(_side_by_side(shapely.bounds(hulls), result.tracks.frame))
-    return _Neighbours(row, box).select(shapely.area(hulls)[row] > 0.0)
-
-
-def _side_by_side(bounds_m: F64, frame: I64) -> Polygons:
-    low_x, low_y, high_x, high_y = bounds_m.T
-    offset_m = frame * _FRAME_SPACING_M
-    boxes: Polygons = shapely.box(low_x + offset_m, low_y, high_x + offset_m, high_y)
-    return boxes
+    corners = box_corners(tracks.centre_m, tracks.size_m, tracks.yaw_rad)
+    if not tracks.hull_corners.any():
+        return rectangles(corners, tracks.frame)
+    shapes = [h if len(h) >= 3 else box for h, box in zip(result.hulls, corners, strict=True)]
+    start = np.cumsum([0, *(len(shape) for shape in shapes)])
+    hulls = hulls_of_groups(np.concatenate(shapes), start)
+    return Outlines(hulls.corner_m, hulls.start, tracks.frame)
 
 
 def velocity_table(

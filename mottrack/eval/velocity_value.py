@@ -59,7 +59,7 @@ class ObjectRows:
 
 
 class Value(NamedTuple):
-    """Share of the oracle's headroom that a run recovers; NaN ends where there is no interval."""
+    """A share, of the oracle's headroom or of the baseline; NaN ends where there is no interval."""
 
     metric: str
     share: float
@@ -211,4 +211,15 @@ def headroom(metric: str, baseline: Sampled, run: Sampled, oracle: Sampled) -> V
     share = (run.value - baseline.value) / room
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(draws * room > 0.0, (run.draws - baseline.draws) / draws, np.nan)
+    return Value(metric, share, *t_interval(share, shares, scenes))
+
+
+def relative_change(metric: str, baseline: Sampled, run: Sampled) -> Value | None:
+    """Return (run - baseline) / baseline; None where the baseline is not positive."""
+    if not baseline.value > 0.0:
+        return None
+    scenes = int(np.count_nonzero(baseline.present & run.present))
+    share = run.value / baseline.value - 1.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(baseline.draws > 0.0, run.draws / baseline.draws - 1.0, np.nan)
     return Value(metric, share, *t_interval(share, shares, scenes))

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from mottrack.config import StrictModel
 from mottrack.core.grid import BevGrid
 from mottrack.eval.scores import ScoreConfig
+from mottrack.experiment.criteria import Criterion
 from mottrack.objects.velocity import VelocityConfig
 
 MOST_CELLS = 4096
@@ -79,6 +80,9 @@ class Settings(StrictModel):
         default=4000, ge=1, description="cells per frame that are sampled for the flow scores"
     )
     snapshots: SnapshotConfig = SnapshotConfig()
+    criteria: tuple[Criterion, ...] = Field(
+        default=(), description="claims about the runs, judged after them"
+    )
 
     @model_validator(mode="after")
     def _agrees(self) -> Self:

@@ -2,7 +2,10 @@
 
 "The object level velocity is approximated by the mean flow vector of all the BeV grids within the
 detected bounding box boundary" (section IV-D). For filtered grids "a weighted aggregation ... based
-on the occupancy probability of the cell" (section V-B).
+on the occupancy probability of the cell" (section V-B). The covariance is there that of the cells'
+flows for PillarFlow, and for DOGMa "a weighted aggregation of the DOGMa's preexisting velocity
+co-variance matrix per occupied cell": `covariance: printed`. There cells are drawn at random; here
+all of them count, which a draw approximates.
 """
 
 from __future__ import annotations
@@ -29,6 +32,11 @@ class VelocityConfig(StrictModel):
     rule: Literal["mean", "weighted"] = Field(
         "mean", description="valid cells count equally, or by their occupancy probability"
     )
+    covariance: Literal["joint", "printed"] = Field(
+        "joint",
+        description="spread of the cells by their number plus their own covariance; or as in "
+        "section V-B: their own alone of a source that filters over time, else the spread alone",
+    )
     margin_m: float = Field(0.0, ge=0, description="boxes grow by this on each side")
     min_cells: int = Field(1, ge=1, description="objects with fewer valid cells have no velocity")
     correlated_cells: float = Field(
@@ -38,7 +46,11 @@ class VelocityConfig(StrictModel):
 
 
 def measure_velocity(
-    field: FlowField, boxes: Boxes, config: VelocityConfig | None = None
+    field: FlowField,
+    boxes: Boxes,
+    config: VelocityConfig | None = None,
+    *,
+    filtered: bool = False,
 ) -> VelocityMeasurement:
     """Measure one velocity for each of N boxes in the ego frame of the field, in its axes.
 
@@ -46,6 +58,12 @@ def measure_velocity(
     (the box, or the hull of a cluster);
     covariance = (spread of the cells) / (effective number) + (mean of the source's own
     covariance) + floor. Boxes without enough such cells are masked.
+
+    Args:
+        field: flow, in the current ego frame.
+        boxes: in the same frame.
+        config: how cells are aggregated.
+        filtered: whether the source filters over time, as DOGMa does; `covariance: printed` asks.
 
     Raises:
         InputError: the boxes are not in the ego frame.
@@ -66,7 +84,7 @@ def measure_velocity(
             grid.cell_m,
         ),
     )
-    return _measurement(sums, config)
+    return _measurement(sums, config, filtered=filtered)
 
 
 class _Cells(NamedTuple):
@@ -83,7 +101,7 @@ class _Cells(NamedTuple):
     cell_m: float
 
 
-def _measurement(sums: F64, config: VelocityConfig) -> VelocityMeasurement:
+def _measurement(sums: F64, config: VelocityConfig, *, filtered: bool) -> VelocityMeasurement:
     """Make the measurement from the sums (N, 11) of `_sums`."""
     total = np.where(sums[:, 0] > 0, sums[:, 0], 1.0)
     mean = sums[:, 2:4] / total[:, None]
@@ -94,6 +112,8 @@ def _measurement(sums: F64, config: VelocityConfig) -> VelocityMeasurement:
     effective = np.maximum(cells / config.correlated_cells, 1.0)
     floor = config.floor_mps**2 * np.eye(2)
     covariance = spread / effective[:, None, None] + own + floor
+    if config.covariance == "printed":
+        covariance = (own if filtered else spread) + floor
     return VelocityMeasurement(mean, covariance, sums[:, 10] >= config.min_cells)
 
 

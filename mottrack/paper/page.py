@@ -6,7 +6,7 @@ import base64
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,9 @@ from mottrack.paper.tables import (
     table_rows,
 )
 from mottrack.runs.comparison_tables import METHOD
+from mottrack.runs.criteria import MEANING as CRITERIA_MEANING
+from mottrack.runs.criteria import Judged, criteria_table, unmet
+from mottrack.runs.velocity_bench import bench_table, plain_words
 
 STYLES = ("base.css", "parts.css")
 SOURCE = "PillarFlow: End-to-end Birds-eye-view Flow Estimation for Autonomous Driving, IROS 2020"
@@ -56,6 +59,31 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Bench:
+    """What flow was worth in one study, and what was claimed of it before it ran."""
+
+    result: StudyResult
+    title: str
+
+    @property
+    def table(self) -> TextTable:
+        """Every metric of every source over common rows, then the shares of the headroom."""
+        study = self.result.study
+        name = f"flow_value_{study.name}_{study.dataset}"
+        return replace(bench_table(self.result.bench), name=name, title=self.title)
+
+    @property
+    def words(self) -> list[str]:
+        """The same of the best source, in three lines."""
+        return plain_words(self.result.bench)
+
+    @property
+    def judged(self) -> list[Judged]:
+        """The criteria with their verdicts."""
+        return self.result.judged
+
+
+@dataclass(frozen=True)
 class Chapter:
     """The results on one data set."""
 
@@ -64,6 +92,8 @@ class Chapter:
     sections: list[Section]
     findings: list[Finding]
     beyond: TextTable
+    benches: list[Bench]
+    """Of the studies of tracks that have a run without flow."""
     not_run: dict[str, str]
     """Title of a table to why nothing of it could be run."""
     left_out: dict[str, str]
@@ -73,6 +103,17 @@ class Chapter:
     def in_words(self) -> list[Finding]:
         """The claims that the paper makes without a table."""
         return [finding for finding in self.findings if finding.claim.published is None]
+
+    @property
+    def judged(self) -> list[Judged]:
+        """The criteria of all studies."""
+        return [one for bench in self.benches for one in bench.judged]
+
+    @property
+    def failed(self) -> list[Finding]:
+        """The claims of the paper that failed: reversed, or not reproduced."""
+        failed = ("reversed", "not reproduced")
+        return [finding for finding in self.findings if finding.verdict in failed]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -115,14 +156,25 @@ def write_paper(results: Results, request: Request) -> Iterator[str]:
         "machines": results.machines,
         "method": METHOD,
         "meaning": MEANING,
+        "criteria_meaning": CRITERIA_MEANING,
         "source": SOURCE,
         "version": __version__,
     }
     write_text(out / "paper.html", _page(content))
     write_text(out / "paper.md", _markdown(content))
-    yield from (f"{chapter.title}: {chapter.summary}" for chapter in chapters)
+    for chapter in chapters:
+        yield from _told(chapter)
     yield from (f"failed: {name}: {reason}" for name, reason in results.failed.items())
     yield f"paper:  {out / 'paper.html'}"
+
+
+def _told(chapter: Chapter) -> Iterator[str]:
+    """Yield what the terminal shows of a chapter: counts, what flow was worth, what failed."""
+    yield f"{chapter.title}: {chapter.summary}"
+    for bench in chapter.benches:
+        yield from (f"{bench.title}: {text}" for text in bench.words)
+        yield from (f"{bench.title}: {text}" for text in unmet(bench.judged))
+    yield from (f"{f.verdict}: {f.claim.text} (paper {f.claim.printed})" for f in chapter.failed)
 
 
 def missing_rows(request: Request) -> list[str]:
@@ -145,9 +197,11 @@ def _chapter(results: Results, name: str, title: str) -> Chapter:
         for table, study in asked
         if not study.study.reason and (table.values or measure(table, study))
     ]
+    studies = [s for s in results.studies if s.study.dataset == name and s.bench]
+    benches = [Bench(s, s.study.runs[0].settings.name) for s in studies]
     beyond = beyond_table([s.table for s in sections], [s.result for s in sections])
     left_out = {s: why for part in sections for s, why in part.result.study.left_out.items()}
-    return Chapter(name, title, sections, findings, beyond, not_run, left_out)
+    return Chapter(name, title, sections, findings, beyond, benches, not_run, left_out)
 
 
 def _write_tables(chapter: Chapter, folder: Path) -> None:
@@ -159,6 +213,11 @@ def _write_tables(chapter: Chapter, folder: Path) -> None:
     for table in (*numbers, claims):
         write_text(folder / f"{table.name}.csv", to_csv(table))
     write_text(folder / f"{chapter.beyond.name}_{chapter.dataset}.csv", to_csv(chapter.beyond))
+    for bench in chapter.benches:
+        write_text(folder / f"{bench.table.name}.csv", to_csv(bench.table))
+    if chapter.judged:
+        name = f"criteria_{chapter.dataset}.csv"
+        write_text(folder / name, to_csv(criteria_table(chapter.judged)))
 
 
 def _write_claims(chapters: Sequence[Chapter], path: Path) -> None:
@@ -167,6 +226,12 @@ def _write_claims(chapters: Sequence[Chapter], path: Path) -> None:
         "method": METHOD,
         "counts": {chapter.dataset: chapter.counts for chapter in chapters},
         "claims": [f.as_dict() for chapter in chapters for f in chapter.findings],
+        "criteria": [
+            {"dataset": chapter.dataset, "study": bench.title, **one.as_dict()}
+            for chapter in chapters
+            for bench in chapter.benches
+            for one in bench.judged
+        ],
     }
     write_text(path, json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
@@ -192,6 +257,10 @@ def _markdown(content: dict[str, Any]) -> str:
         parts.append(f"## {chapter.title}\n\n{chapter.summary}. {METHOD}.")
         parts += [to_markdown(section.shown) for section in chapter.sections]
         parts.append(to_markdown(claim_table(chapter.findings, chapter.dataset)))
+        for bench in chapter.benches:
+            parts += [to_markdown(bench.table), "\n".join(bench.words)]
+        if chapter.judged:
+            parts.append(to_markdown(criteria_table(chapter.judged)))
         parts += [f"**{table}**: not measured: {why}." for table, why in chapter.not_run.items()]
         if chapter.beyond.rows:
             parts.append(to_markdown(chapter.beyond))

@@ -12,13 +12,15 @@ from pydantic import Field, ValidationError
 from mottrack.config import StrictModel
 from mottrack.core.errors import ConfigError
 from mottrack.experiment.configs import shipped_folder
+from mottrack.experiment.criteria import Criterion
 from mottrack.experiment.experiment import Experiment, compose
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow.pillarflow.source import SHIPPED
 from mottrack.formats.yaml_file import read_yaml
 
-STUDIES = ("flow", "tracking", "velocity")
-"""Studies that recorded data can serve; the embedded world also serves the ball and runtimes."""
+STUDIES = ("flow", "tracking", "tracking_default", "velocity", "velocity_printed")
+"""Studies that recorded data can serve; the embedded world also serves the ball and runtimes. Two
+of one table, as printed and with the default settings, have the scenes in common."""
 WORLD = "world"
 ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
 """Variants of Table II beside the shipped network."""
@@ -73,6 +75,11 @@ class Study:
     """Variants that are not run to the reason."""
     reason: str = ""
     """Why nothing of it is run; empty otherwise."""
+
+    @property
+    def criteria(self) -> tuple[Criterion, ...]:
+        """What is claimed of its runs in its file."""
+        return self.runs[0].settings.criteria if self.runs else ()
 
     @property
     def folder(self) -> Path:

@@ -30,6 +30,7 @@ from mottrack.eval.paired import (
 from mottrack.eval.run_metrics import RunMetrics
 from mottrack.paper.claims import Finding, claims, verdict_of
 from mottrack.paper.plan import Study
+from mottrack.runs.criteria import Judged, judge
 from mottrack.runs.differences import Resamples, common_scenes, sample_runs
 from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.per_scene import PerScene
@@ -37,6 +38,7 @@ from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.runner import Execution, RunJob, RunReport, run_jobs
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.tasks import Progress
+from mottrack.runs.velocity_bench import FlowValue, flow_values
 
 WARM_UP_FRAMES = 3
 """The first flows of a scene compile and allocate; they are left out of the runtime."""
@@ -61,6 +63,13 @@ class StudyResult:
     """Failed scenes to the reason."""
     folders: dict[str, RunFolder]
     """Variant to its results."""
+    bench: tuple[FlowValue, ...] = ()
+    """What each flow source was worth beside no flow, over common rows."""
+
+    @property
+    def judged(self) -> list[Judged]:
+        """The criteria of the study's file with their verdicts."""
+        return judge(self.study.criteria, self.bench)
 
     def sampled(self, variant: str, key: MetricKey) -> Sampled | None:
         """Return a metric of one run on all resamples; None where it was not measured."""
@@ -179,7 +188,9 @@ def _result(study: Study, out: Path, reports: Reports) -> StudyResult:
         for run in study.runs
         if own[run.variant].finished
     ]
-    return StudyResult(study, _sampling(study.name, runs), failed, folders)
+    tracks = study.name.startswith(("tracking", "velocity"))
+    bench = tuple(flow_values(runs)) if tracks else ()
+    return StudyResult(study, _sampling(study.name, runs), failed, folders, bench)
 
 
 def _sampling(name: str, runs: Sequence[ScoredRun]) -> Resamples:

@@ -27,6 +27,8 @@ from mottrack.runs.runner import scene_names
 
 REGISTRATION = (ICP, "icp")
 """Variants that register detected objects."""
+TRACKING = "tracking"
+"""Begin of the names of the studies of Table III, which need detections and nothing else."""
 MIN_FRAMES = 2
 """Flow and velocity need a pair of frames."""
 NO_PAIRS = "no scene has a sweep in every frame"
@@ -163,7 +165,7 @@ def _recorded(name: str, source: _Source, request: Request) -> Study:
     if not share.scenes:
         return Study(name, source.name, source.plan.title, (), reason=share.reason)
     tree["flow"] = [flow for flow in tree["flow"] if flow not in share.absent]
-    if name != "tracking" and not source.capabilities.both:
+    if not name.startswith(TRACKING) and not source.capabilities.both:
         tree["objects"] = "clusters"
     runs = compose(tree, source.overrides, config_file(name))
     if len(runs) == 1:
@@ -181,7 +183,7 @@ def _share(study: str, source: _Source, flows: Sequence[str]) -> _Share:
     scenes = source.capabilities
     if scenes.both:
         return _Share(scenes.both)
-    if study == "tracking":
+    if study.startswith(TRACKING):
         without = {flow: NO_SWEEPS for flow in flows if flow != NONE}
         return _Share(scenes.detected, without, NO_BOXES.format(name=source.name))
     if study == "flow":

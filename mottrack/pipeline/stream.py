@@ -266,7 +266,7 @@ class Pipeline:
         if field is None or not len(objects):
             return objects
         in_ego = objects.transformed(frame.world_T_ego.inverse(), "ego")
-        measured = measure_velocity(field, in_ego, self._velocity)
+        measured = measure_velocity(field, in_ego, self._velocity, filtered=self.flow.stateful)
         measured = measured.with_error_model(self.flow.error_model)
         measured = measured.rotated(frame.world_T_ego.yaw_rad)
         return objects.with_velocity(joined(objects.velocity, measured))

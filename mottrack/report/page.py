@@ -31,6 +31,7 @@ from mottrack.report.timing import (
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.comparison_tables import settings_table
 from mottrack.runs.conclusion import conclusion
+from mottrack.runs.criteria import unmet
 from mottrack.runs.terminal import in_common
 from mottrack.runs.velocity_bench import plain_words
 
@@ -105,7 +106,7 @@ def _summary(
         "concerns": {text: run.title for run in reversed(runs) for text in run.scored.concerns},
         "has_truth": has_truth,
         "clusters": any(run.clusters for run in runs),
-        "flow_value": plain_words(comparison.flow_values) if has_truth else [],
+        "flow_value": _flow_value(comparison) if has_truth else [],
         "cards": metric_cards(runs, analyses, verdicts),
         "conclusion": conclusion(comparison),
         "findings": findings(groups),
@@ -113,6 +114,11 @@ def _summary(
         "difference_groups": [group for group in groups if group.significant],
         "other_groups": [group for group in groups if not group.significant],
     }
+
+
+def _flow_value(comparison: Comparison) -> list[str]:
+    """Say what flow was worth, and which criteria of the experiment are met."""
+    return [*plain_words(comparison.flow_values), *unmet(comparison.judged)]
 
 
 def _name(runs: Sequence[ReportRun]) -> str:

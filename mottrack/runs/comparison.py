@@ -15,6 +15,7 @@ from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.stored import stored_experiment
 from mottrack.formats.files import read_bytes
 from mottrack.formats.json_text import parse_json
+from mottrack.runs.criteria import Judged, judge
 from mottrack.runs.differences import RunDifferences, check_baseline, find_differences
 from mottrack.runs.equal_runs import equal_runs
 from mottrack.runs.run_folder import RunFolder
@@ -43,6 +44,12 @@ class Comparison:
     def flow_values(self) -> list[FlowValue]:
         """What each flow source was worth beside no flow."""
         return flow_values(self.runs)
+
+    @cached_property
+    def judged(self) -> list[Judged]:
+        """The criteria of the experiment with their verdicts."""
+        criteria = (c for run in self.runs for c in run.experiment.settings.criteria)
+        return judge(list(dict.fromkeys(criteria)), self.flow_values)
 
     @cached_property
     def equal(self) -> dict[str, str]:

@@ -10,6 +10,7 @@ from mottrack.eval.paired import CONFIDENCE, RESAMPLES, MetricKey, PairedDiffere
 from mottrack.experiment.overrides import GROUPS
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
+from mottrack.runs.criteria import criteria_table
 from mottrack.runs.differences import RunDifferences
 from mottrack.runs.scene_flow import figure_name, scene_flow_tables
 from mottrack.runs.scored_run import ScoredRun
@@ -41,6 +42,7 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     tables += scene_flow_tables(runs)
     if comparison.flow_values:
         tables.append(bench_table(comparison.flow_values))
+    tables.append(criteria_table(comparison.judged))
     if comparison.differences:
         tables.append(difference_table(comparison.differences))
     return [table for table in tables if table.rows]

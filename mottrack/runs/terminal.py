@@ -10,6 +10,7 @@ from mottrack.formats.text_table import fitted
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.comparison_tables import comparison_tables
 from mottrack.runs.conclusion import conclusion
+from mottrack.runs.criteria import unmet
 from mottrack.runs.equal_runs import told
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.summary_tables import summary_tables
@@ -44,7 +45,7 @@ def closing_text(comparison: Comparison) -> Iterator[str]:
         yield f"tables:  {comparison.out / 'tables'}"
         yield f"report:  {comparison.out / 'report.html'}"
     yield printable(conclusion(comparison))
-    for text in plain_words(comparison.flow_values):
+    for text in (*unmet(comparison.judged), *plain_words(comparison.flow_values)):
         yield printable(text)
 
 

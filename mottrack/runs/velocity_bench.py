@@ -10,7 +10,15 @@ import numpy as np
 
 from mottrack.eval.paired import CONFIDENCE, MetricKey, PairedDifference, Sampled, paired
 from mottrack.eval.run_metrics import OFFICIAL
-from mottrack.eval.velocity_value import ALL, FAST, TABLE, Value, headroom, value_metrics
+from mottrack.eval.velocity_value import (
+    ALL,
+    FAST,
+    TABLE,
+    Value,
+    headroom,
+    relative_change,
+    value_metrics,
+)
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.differences import sample_runs
 from mottrack.runs.per_scene import PerScene
@@ -37,10 +45,18 @@ class FlowValue:
     rows: tuple[PairedDifference, ...]
     shares: tuple[Value, ...]
     """Of the oracle's headroom; empty for the oracle itself and without one."""
+    changes: dict[MetricKey, Value]
+    """Relative change against the baseline, where that is above 0."""
 
     def row(self, key: MetricKey) -> PairedDifference | None:
         """Return the difference in one metric, if both runs have it."""
         return next((row for row in self.rows if row.key == key), None)
+
+
+def metric_key(metric: str, objects: str = ALL) -> MetricKey:
+    """Return the key of a metric of the table, as criteria name it."""
+    plain = {"AMOTA": AMOTA, "identity switches": IDS, "1 s prediction": PREDICTION}
+    return plain.get(metric) or MetricKey(TABLE, objects, metric)
 
 
 def flow_values(runs: Sequence[ScoredRun]) -> list[FlowValue]:
@@ -79,7 +95,9 @@ def _group(runs: Sequence[ScoredRun]) -> list[FlowValue]:
         rows = tuple(paired(key, base[key], own[key]) for key in base if key in own)
         best = None if oracle in (None, run.title) else figures[str(oracle)]
         shares = () if best is None else _shares(base, own, best)
-        found.append(FlowValue(run.title, none.title, run.title == oracle, rows, shares))
+        changes = {k: relative_change(k.metric, base[k], own[k]) for k in base if k in own}
+        known = {key: change for key, change in changes.items() if change is not None}
+        found.append(FlowValue(run.title, none.title, run.title == oracle, rows, shares, known))
     return found
 
 

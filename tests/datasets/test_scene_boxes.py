@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mottrack.datasets.scene_boxes import centred_velocities
+from mottrack.core.label_velocities import centred_velocities
 
 
 def test_centred_inside_one_sided_at_the_ends_unknown_alone():

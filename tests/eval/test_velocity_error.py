@@ -5,11 +5,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from shapely.geometry.polygon import orient
 
 from mottrack.core import SceneResult
+from mottrack.eval.overlap import (
+    NO_OBJECT,
+    Outlines,
+    TrueBoxes,
+    best_overlaps,
+    box_corners,
+)
 from mottrack.eval.velocity_error import (
     LEFT_OUT,
-    NO_OBJECT,
     ErrorRow,
     VelocityErrorConfig,
     VelocitySamples,
@@ -115,3 +123,39 @@ def test_a_cluster_may_be_a_revolution_older_or_younger_than_the_stamp(
     result = make_result([truth, {**truth, "side": "track", "hull": hull}], 1)
     assert match_by_overlap(result, 0.5, revolution_s=0.1).tolist() == [0]
     assert match_by_overlap(result, 0.5, revolution_s=0.0).tolist() == [NO_OBJECT]
+
+
+def convex(rng: np.random.Generator) -> np.ndarray:
+    points = rng.normal(0.0, 1.5, (rng.integers(3, 9), 2)) + rng.uniform(-4.0, 4.0, 2)
+    hull = orient(shapely.convex_hull(shapely.MultiPoint(points)))
+    return np.array(hull.exterior.coords)[:-1]
+
+
+@pytest.mark.parametrize("far_m", [0.0, 4e6])
+def test_matches_are_those_of_shapely(far_m: float) -> None:
+    """Hulls, boxes that stand and that move, over three frames, far from the origin too."""
+    rng = np.random.default_rng(7)
+    outlines = [convex(rng) + far_m for _ in range(150)]
+    frame, true_frame = np.sort(rng.integers(0, 3, 150)), np.sort(rng.integers(0, 3, 60))
+    centre_m, size_m = rng.uniform(-4.0, 4.0, (60, 2)) + far_m, rng.uniform(0.5, 5.0, (60, 2))
+    shift_m = rng.normal(0.0, 1.0, (60, 2)) * (rng.random((60, 1)) < 0.5)
+    corners = box_corners(centre_m, size_m, rng.uniform(-4.0, 4.0, 60))
+    start = np.cumsum([0, *map(len, outlines)])
+    found = best_overlaps(
+        Outlines(np.concatenate(outlines), start, frame),
+        TrueBoxes(corners, true_frame, shift_m),
+        0.5,
+    )
+    expected = []
+    for outline, at in zip(outlines, frame, strict=True):
+        own, answer = shapely.Polygon(outline - far_m), NO_OBJECT
+        for age in (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75, 1.0, -1.0):
+            boxes = shapely.polygons(corners - far_m - age * shift_m[:, None])
+            share = shapely.area(shapely.intersection(own, boxes)) / own.area
+            share[true_frame != at] = 0.0
+            if share.max() >= 0.5:
+                answer = int(share.argmax())
+                break
+        expected.append(answer)
+    assert found.tolist() == expected
+    assert 20 < np.count_nonzero(found != NO_OBJECT) < 140

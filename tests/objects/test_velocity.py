@@ -147,3 +147,28 @@ def test_boxes_outside_the_grid_and_none_at_all():
 def test_boxes_must_be_in_the_ego_frame():
     with pytest.raises(InputError, match="frame of boxes"):
         measure_velocity(field(lambda _: np.zeros(2)), boxes([(0, 0)], [0], frame="world"))
+
+
+def test_the_covariance_of_section_5b() -> None:
+    """DOGMa: the cells' own, weighted by occupancy; PillarFlow: the spread of their flows."""
+    rng = np.random.default_rng(5)
+    flow = rng.normal(0.0, 2.0, (*GRID.shape, 2))
+    weight = rng.uniform(0.1, 1.0, GRID.shape)
+    variance = rng.uniform(0.5, 4.0, GRID.shape)
+    own = variance[..., None, None] * np.eye(2)
+    noisy = replace(field(lambda _: flow, weight=weight), covariance_m2ps2=own.astype(np.float32))
+    box = boxes([[3.0, -2.0]], [0.4])
+    config = VelocityConfig(rule="weighted", covariance="printed", floor_mps=1e-3)
+    x, y = np.moveaxis(GRID.centres_m() - [3.0, -2.0], -1, 0)
+    along, across = np.cos(0.4) * x + np.sin(0.4) * y, np.cos(0.4) * y - np.sin(0.4) * x
+    inside = (np.abs(along) < 2.0) & (np.abs(across) < 1.0)
+    cells, shares = flow[inside], weight[inside] / weight[inside].sum()
+    of_dogma = measure_velocity(noisy, box, config, filtered=True)
+    np.testing.assert_allclose(of_dogma.mean_mps[0], shares @ cells, rtol=1e-5)
+    np.testing.assert_allclose(
+        of_dogma.covariance_m2ps2[0], (shares @ variance[inside]) * np.eye(2), atol=1e-5
+    )
+    of_network = measure_velocity(noisy, box, config)
+    np.testing.assert_allclose(
+        of_network.covariance_m2ps2[0], np.cov(cells.T, aweights=shares, bias=True), rtol=1e-4
+    )

@@ -160,7 +160,7 @@ def test_velocity_error_of_a_submission_is_that_of_the_run(
     text = mottrack(
         *("eval", "nuscenes", "--dataroot", rehearsal.root, "--split", rehearsal.split),
         *("--submission", submission, "--compare", still, "--out", tmp_path / "eval"),
-        *("--no-picture", "--velocity-error"),
+        "--no-picture",
     )
     assert "still.json: 1 boxes have no velocity" in text
     found = json.loads((tmp_path / "eval/velocity_error.json").read_text())

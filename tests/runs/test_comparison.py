@@ -169,6 +169,9 @@ def test_what_flow_was_worth_is_tabulated_and_told(comparison: Comparison) -> No
     velocity = value.row(VELOCITY)
     assert velocity is not None
     assert velocity.better
+    change = value.changes[VELOCITY]
+    assert change.share == pytest.approx(velocity.difference / velocity.baseline)
+    assert change.low <= change.share <= change.high
     tables = {table.name: table for table in comparison_tables(comparison)}
     assert next(row[1] for row in tables["flow_value"].rows) == "all, velocity error"
     assert plain_words(comparison.flow_values) == []  # the truth is no measured flow

@@ -12,11 +12,11 @@ import numpy as np
 from mottrack.core import Pose, Sweep, TruthTable
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.limits import MAX_POINTS
 from mottrack.datasets.argoverse2.config import Argoverse2Config
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
-    centred_velocities,
     frames_at,
     to_world,
     unknown_velocities,

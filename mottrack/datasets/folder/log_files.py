@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import DataError, InputError, Pose, Sweep, TruthTable
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.npz import unpacked_npz
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
-    centred_velocities,
     frames_at,
     to_world,
     unknown_velocities,

@@ -9,6 +9,7 @@ import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
 from mottrack.core.concerns import Concern
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.sweep import SECOND_NS
 from mottrack.datasets.detection_files import (
     SCENE,
@@ -29,7 +30,6 @@ from mottrack.datasets.kitti.layout import SequenceFiles
 from mottrack.datasets.kitti.poses import read_calibration, read_camera_poses, read_oxts
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
-    centred_velocities,
     objects_of,
     to_world,
     truth_of,

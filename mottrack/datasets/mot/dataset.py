@@ -10,11 +10,12 @@ import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
 from mottrack.core.arrays import F64, I64
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.sweep import SECOND_NS
 from mottrack.datasets.imported import ImportedTracks
 from mottrack.datasets.mot.config import MotConfig
 from mottrack.datasets.mot.plane import to_plane
-from mottrack.datasets.scene_boxes import centred_velocities, truth_of, unknown_velocities
+from mottrack.datasets.scene_boxes import truth_of, unknown_velocities
 from mottrack.datasets.scene_frames import SceneFrames
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene
 from mottrack.formats.columns import Columns

@@ -11,6 +11,7 @@ import numpy as np
 
 from mottrack.core import Frame, Objects, Pose, Sweep, Truth, TruthTable
 from mottrack.core.arrays import F64, I64
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
 from mottrack.datasets.detection_files import general_detections, relabelled
@@ -19,7 +20,6 @@ from mottrack.datasets.nuscenes.detections import DetectionFile
 from mottrack.datasets.nuscenes.dialect import Dialect
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
-    centred_velocities,
     objects_of,
     truth_of,
 )

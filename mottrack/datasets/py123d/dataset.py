@@ -16,9 +16,10 @@ import pyarrow as pa
 from mottrack.core import ConfigError, DataError, Frame, Pose, Sweep, TruthTable
 from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.datasets.py123d.config import CLASSES, Py123dConfig
 from mottrack.datasets.py123d.log_safety import require_own_labels
-from mottrack.datasets.scene_boxes import centred_velocities, truth_of
+from mottrack.datasets.scene_boxes import truth_of
 from mottrack.datasets.scenes import checked_index, chosen_scenes, require_scene
 from mottrack.datasets.vehicle import without_own_body
 from mottrack.formats.checks import (

@@ -11,6 +11,7 @@ import numpy as np
 from mottrack.core import TruthTable
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
+from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.objects import GENERIC
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import SECOND_NS
@@ -18,7 +19,7 @@ from mottrack.datasets.ros.messages import pose_values
 from mottrack.datasets.ros.motion import Motion
 from mottrack.datasets.ros.trajectory import composed
 from mottrack.datasets.ros.transforms import frame_name, stamp_of
-from mottrack.datasets.scene_boxes import DetectionTable, centred_velocities
+from mottrack.datasets.scene_boxes import DetectionTable
 from mottrack.formats.checks import check_rotations, check_sizes, check_upright, check_world_places
 from mottrack.formats.columns import Columns
 from mottrack.formats.rigid import quaternion_wxyz, quaternion_yaws

@@ -1,6 +1,6 @@
 """Boxes and samples of many scenes as flat arrays."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -96,12 +96,36 @@ class Racks:
 
 
 @dataclass(frozen=True, slots=True)
+class Bodies:
+    """N boxes from above with their velocities: what the velocity error is computed from."""
+
+    sample: I64
+    """(N,) ascending."""
+    bev: F64
+    """(N, 5) centre x, y, length, width, heading; global frame, metres and radians."""
+    velocity_mps: F64
+    """(N, 2) NaN where unknown."""
+    label: I64
+    """(N,) index into `names`."""
+    names: Texts
+    """(K,) classes; of true boxes also categories that are not tracked."""
+
+    @classmethod
+    def none(cls) -> "Bodies":
+        """Return an empty table."""
+        index = np.zeros(0, np.int64)
+        return cls(index, np.zeros((0, 5)), np.zeros((0, 2)), index, np.zeros(0, np.str_))
+
+
+@dataclass(frozen=True, slots=True)
 class GroundTruth:
     """What predictions are compared with: samples, true boxes as annotated, racks."""
 
     samples: Samples
     boxes: BoxTable
     racks: Racks
+    bodies: Bodies = field(default_factory=Bodies.none)
+    """All annotated boxes, those of other categories too."""
 
 
 @dataclass(frozen=True, slots=True)

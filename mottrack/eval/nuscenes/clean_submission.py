@@ -23,7 +23,8 @@ import pyarrow as pa
 import pyarrow.json
 
 from mottrack.core.arrays import F64, I64
-from mottrack.eval.nuscenes.boxes import BoxTable, Samples
+from mottrack.eval.nuscenes.bodies import seen_from_above, sorted_bodies
+from mottrack.eval.nuscenes.boxes import Bodies, BoxTable, Samples
 from mottrack.eval.nuscenes.rules import MAX_BOXES_PER_SAMPLE, Rules
 from mottrack.eval.nuscenes.submission import (
     FRAME_CHECK_BOXES,
@@ -68,6 +69,8 @@ class CleanSubmission:
 
     meta: dict[str, Any]
     boxes: BoxTable
+    bodies: Bodies
+    """The same boxes, sorted by sample."""
 
 
 def read_clean(path: Path, samples: Samples, rules: Rules) -> CleanSubmission | None:
@@ -117,7 +120,7 @@ class _Reader:
             added.result()
         meta = self._meta(text[: begin.start()], text[end:])
         boxes = self._table()
-        return CleanSubmission(meta, boxes)
+        return CleanSubmission(meta, boxes, self._bodies(boxes))
 
     def _meta(self, head: bytes, tail: bytes) -> dict[str, Any]:
         """Return the meta block; the rest of the file must be an object of exactly two parts."""
@@ -154,7 +157,6 @@ class _Reader:
 
     def _columns(self, table: pa.Table, sample: I64) -> dict[str, Any]:
         vectors = {name: _vectors(table[name], length) for name, length in VECTORS.items()}
-        _vectors(table["velocity"], 2)
         score = _numbers(table["tracking_score"])
         norm = np.linalg.norm(vectors["rotation"], axis=1)
         names = table["tracking_name"].combine_chunks().dictionary_encode()
@@ -176,6 +178,8 @@ class _Reader:
             "label": label[numbers_of(names.indices, np.int32)],
             "centre_m": vectors["translation"],
             "score": score,
+            "bev": seen_from_above(*(vectors[name] for name in VECTORS)),
+            "velocity_mps": _vectors(table["velocity"], 2),
             "id": table["tracking_id"].combine_chunks(),
         }
 
@@ -202,6 +206,12 @@ class _Reader:
             raise UnclearError
         unknown = np.full(len(sample), -1)
         return BoxTable(sample, track, label, centre_m, score, unknown)
+
+    def _bodies(self, boxes: BoxTable) -> Bodies:
+        bev, velocity_mps = (
+            np.concatenate([part[key] for part in self._parts]) for key in ("bev", "velocity_mps")
+        )
+        return sorted_bodies(boxes, bev, velocity_mps, self.rules)
 
 
 def _blocks(text: mmap.mmap, at: int) -> Iterator[_Block]:

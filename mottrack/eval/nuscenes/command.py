@@ -6,13 +6,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mottrack.core.storage import write_text
-from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Prepared
-from mottrack.eval.nuscenes.clean_submission import read_clean
+from mottrack.eval.nuscenes.bodies import to_bodies
+from mottrack.eval.nuscenes.boxes import GroundTruth, Prepared
+from mottrack.eval.nuscenes.clean_submission import CleanSubmission, read_clean
 from mottrack.eval.nuscenes.groundtruth import cached_ground_truth
 from mottrack.eval.nuscenes.metrics import Metrics, evaluate_prepared
 from mottrack.eval.nuscenes.outputs import draw_recall_curves, format_table, write_outputs
@@ -27,6 +28,15 @@ from mottrack.eval.nuscenes.submission import (
     read_submission,
     to_boxes,
     validate,
+)
+from mottrack.eval.nuscenes.velocity import (
+    SubmissionErrors,
+    comparison_text,
+    submission_errors,
+    unknown_text,
+    velocity_content,
+    velocity_differences,
+    velocity_text,
 )
 from mottrack.eval.paired import CONFIDENCE, RESAMPLES, PairedDifference, Sampled, draw
 from mottrack.formats.nuscenes_splits import resolve_split
@@ -64,6 +74,7 @@ class Evaluation:
     """Of the submission."""
     eval_time_s: float
     prepared: Prepared
+    velocity: SubmissionErrors
 
 
 def run(request: Request) -> Evaluation:
@@ -75,23 +86,31 @@ def run(request: Request) -> Evaluation:
     """
     truth = ground_truth(request)
     clean = read_clean(request.submission, truth.samples, request.rules)
-    meta, boxes, problems = (clean.meta, clean.boxes, []) if clean else _checked(request, truth)
+    read, problems = _Read(clean, []) if clean else _checked(request, truth)
     began = time.perf_counter()
-    prepared = prepare(truth, boxes, request.rules)
+    prepared = prepare(truth, read.boxes, request.rules)
     metrics = evaluate_prepared(prepared, request.rules)
     seconds = time.perf_counter() - began
-    return Evaluation(metrics, problems, meta, seconds, prepared)
+    velocity = submission_errors(request.submission, read.bodies, truth)
+    return Evaluation(metrics, problems, read.meta, seconds, prepared, velocity)
 
 
-def _checked(
-    request: Request, truth: GroundTruth
-) -> tuple[dict[str, Any], BoxTable, list[Problem]]:
-    """Return meta, boxes and problems of a submission that is read box by box."""
+class _Read(NamedTuple):
+    """The content of a submission, and what is wrong with it."""
+
+    content: CleanSubmission
+    problems: list[Problem]
+
+
+def _checked(request: Request, truth: GroundTruth) -> _Read:
+    """Return content and problems of a submission that is read box by box."""
     submission = read_submission(request.submission)
     problems = check(request, submission, truth)
     if any(problem.severity == "error" for problem in problems) or request.strict:
         raise_all(problems)
-    return submission.meta, to_boxes(submission, truth.samples, request.rules), problems
+    boxes = to_boxes(submission, truth.samples, request.rules)
+    bodies = to_bodies(submission, boxes, request.rules)
+    return _Read(CleanSubmission(submission.meta, boxes, bodies), problems)
 
 
 def ground_truth(request: Request) -> GroundTruth:
@@ -147,6 +166,8 @@ def evaluate(
         warn(line)
     write(evaluation, out)
     yield format_table(evaluation.metrics)
+    other = run(replace(request, submission=extras.compare)) if extras.compare else None
+    yield from _velocity(evaluation, other, out)
     if extras.picture:
         draw_recall_curves(evaluation.metrics, out / "recall_curves.png")
     # what needs scipy, slow to import, is imported on request
@@ -162,8 +183,24 @@ def evaluate(
         errors = classify_errors([evaluation.prepared], evaluation.metrics)
         write_text(out / "error_classes.json", json.dumps(strict(as_plain(errors)), indent=2))
         yield format_errors(errors)
-    if extras.bootstrap or extras.compare:
-        yield from _significance(evaluation, request, extras, out)
+    if extras.bootstrap or other:
+        yield from _significance(evaluation, other, extras, out)
+
+
+def _velocity(evaluation: Evaluation, other: Evaluation | None, out: Path) -> Iterator[str]:
+    """Yield the paper's second metric, and that of a second submission beside it; write both."""
+    classes = evaluation.metrics.rules.classes
+    rows = velocity_content(evaluation.velocity, classes)
+    content: dict[str, Any] = {"velocity_error": rows}
+    yield from velocity_text(evaluation.velocity, rows)
+    if other is not None:
+        yield from unknown_text(other.velocity)
+        found = velocity_differences(evaluation.velocity, other.velocity, classes)
+        content["differences"] = [
+            {"row": d.key.row, "metric": d.key.metric, **d.as_dict()} for d in found
+        ]
+        yield comparison_text(found)
+    write_text(out / "velocity_error.json", json.dumps(strict(content), indent=1))
 
 
 def _first_problems(problems: list[Problem]) -> Iterator[str]:
@@ -177,7 +214,7 @@ def _first_problems(problems: list[Problem]) -> Iterator[str]:
 
 
 def _significance(
-    evaluation: Evaluation, request: Request, extras: Extras, out: Path
+    evaluation: Evaluation, other: Evaluation | None, extras: Extras, out: Path
 ) -> Iterator[str]:
     """Yield the intervals, and the differences to a second submission; write both as JSON."""
     scenes = evaluation.prepared.samples.scenes
@@ -185,7 +222,7 @@ def _significance(
         yield ONE_SCENE
         return
     weights = draw(scenes, extras.bootstrap or RESAMPLES)
-    rules = request.rules
+    rules = evaluation.metrics.rules
     sampled = sampled_metrics(profiles(evaluation.prepared, rules), weights, rules)
     method = f"{CONFIDENCE:.0%} intervals, Student's t over {len(weights)} resamples"
     content = {"resamples": len(weights), "interpolation": rules.interpolation}
@@ -194,8 +231,7 @@ def _significance(
         write_text(out / "bootstrap.json", json.dumps(strict(content | {"metrics": plain})))
         rows = {label: [_interval_text(row[n]) for n in SHOWN] for label, row in sampled.items()}
         yield f"{method} of {scenes} scenes\n{_table(rows)}"
-    if extras.compare:
-        other = run(replace(request, submission=extras.compare))
+    if other is not None:
         second = sampled_metrics(profiles(other.prepared, rules), weights, rules)
         found: dict[str, dict[str, PairedDifference]] = {label: {} for label in sampled}
         for difference in differences(sampled, second):

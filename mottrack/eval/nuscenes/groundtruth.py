@@ -18,17 +18,20 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import DataError, ResultError
+from mottrack.core.label_velocities import centred_velocities
+from mottrack.core.pose import wrap_angle
 from mottrack.core.storage import read_arrays, write_arrays
-from mottrack.eval.nuscenes.boxes import BoxTable, GroundTruth, Racks, Samples
+from mottrack.eval.nuscenes.boxes import Bodies, BoxTable, GroundTruth, Racks, Samples
 from mottrack.eval.nuscenes.rules import Rules
 from mottrack.formats.cache import cache_folder
 from mottrack.formats.collector import collector_paused
 from mottrack.formats.nuscenes_classes import CLASS_OF_CATEGORY, RACK_CATEGORY
 from mottrack.formats.nuscenes_records import TABLES, SceneRecord, build_records
 from mottrack.formats.nuscenes_tables import NuScenesTables, table_path
+from mottrack.formats.rigid import quaternion_yaws
 
-FORMAT = "mottrack ground truth 2"
-_PARTS = {"samples": Samples, "boxes": BoxTable, "racks": Racks}
+FORMAT = "mottrack ground truth 3"
+_PARTS = {"samples": Samples, "boxes": BoxTable, "racks": Racks, "bodies": Bodies}
 
 
 def read_ground_truth(
@@ -46,7 +49,9 @@ def read_ground_truth(
     counts = [len(record.sample_token) for record in records]
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     boxes = _Annotated.of(records, first)
-    return GroundTruth(_samples(records, names, first), *_split(boxes, rules or Rules()))
+    velocity_mps = np.concatenate([_velocities(record) for record in records])
+    table, racks = _split(boxes, rules or Rules())
+    return GroundTruth(_samples(records, names, first), table, racks, _bodies(boxes, velocity_mps))
 
 
 def _present(tables: NuScenesTables, wanted: Sequence[str]) -> tuple[str, ...]:
@@ -130,6 +135,26 @@ def _split(boxes: _Annotated, rules: Rules) -> tuple[BoxTable, Racks]:
     )
     place = racks.place
     return table, Racks(racks.sample, place[:, :3], place[:, 3:6], place[:, 6:])
+
+
+def _velocities(record: SceneRecord) -> F64:
+    """Return the velocity (B, 2) of each box of a scene, at the times of the LiDAR's key frames."""
+    stamp_us = record.sweep_stamp_us[record.sweep_sample >= 0]
+    stamp_ns = stamp_us[record.box_sample] * 1000
+    return centred_velocities(record.box_instance, stamp_ns, record.box_centre_m)
+
+
+def _bodies(boxes: _Annotated, velocity_mps: F64) -> Bodies:
+    names, label = np.unique(boxes.category, return_inverse=True)
+    categories = [name.decode() for name in names.tolist()]
+    yaw_rad = wrap_angle(quaternion_yaws(boxes.place[:, 6:]))
+    return Bodies(
+        sample=boxes.sample,
+        bev=np.column_stack([boxes.place[:, :2], boxes.place[:, [4, 3]], yaw_rad]),
+        velocity_mps=velocity_mps,
+        label=label,
+        names=np.array([CLASS_OF_CATEGORY.get(name, name) for name in categories], np.str_),
+    )
 
 
 def cached_ground_truth(

@@ -31,6 +31,12 @@ class BirthConfig(StrictModel):
     slow_share: float = Field(0.4, ge=0, le=1, description="share of slow particles in the rest")
     slow_mps: float = Field(1.0, ge=0, description="standard deviation per axis, slow particles")
     fast_mps: float = Field(12.0, ge=0, description="standard deviation per axis, fast particles")
+    draws: int = Field(
+        MAX_DRAWS,
+        ge=1,
+        le=MAX_DRAWS,
+        description="draws of a velocity while its origin is free space; 1: as Nuss et al.",
+    )
 
 
 class VelocityPrior(NamedTuple):
@@ -46,6 +52,8 @@ class VelocityPrior(NamedTuple):
     """(rows, cols) free mass before the last prediction, on the present window."""
     dt_s: np.float32
     """How long ago that was."""
+    draws: int
+    """Of each velocity, at most."""
 
     @classmethod
     def of(cls, config: BirthConfig, uncovered: F32, free: F32, dt_s: float) -> VelocityPrior:
@@ -57,6 +65,7 @@ class VelocityPrior(NamedTuple):
             np.float32(config.fast_mps),
             free,
             np.float32(dt_s),
+            config.draws,
         )
 
 
@@ -117,7 +126,7 @@ def _draw_cells(cells: Span, start: I64, window: Window, source: _Source, born: 
         rest = prior.rest[cell]
         slow = rest + (np.float32(1) - rest) * prior.slow
         for i in range(start[cell], start[cell + 1]):
-            for attempt in range(MAX_DRAWS):
+            for attempt in range(prior.draws):
                 bits = draw(key, np.uint64(i * MAX_DRAWS + attempt))
                 pick = uniform_level(bits, 2)
                 spread_mps = prior.slow_mps if pick < slow else prior.fast_mps

@@ -54,6 +54,12 @@ class NetworkConfig(StrictModel):
     )
     context_channels: Widths = Field((24, 24, 24), description="context network")
     context_dilations: Widths = Field((1, 2, 4), description="one per context layer")
+    context_slope: float = Field(
+        0.1,
+        ge=0,
+        lt=1,
+        description="negative slope of the context network's LeakyReLU; 0: ReLU, as in III-B",
+    )
     visibility: bool = Field(True, description="visibility of both sweeps as channels")
 
     @model_validator(mode="after")

@@ -310,6 +310,7 @@ PRESETS: dict[str, NetworkConfig] = {
         upfeat_channels=2,
         context_channels=(128, 128, 128, 96, 64, 32),
         context_dilations=(1, 2, 4, 8, 16, 1),
+        context_slope=0.0,
     ),
     "binary_ogm": NetworkConfig(encoder="binary", pillar_channels=1, visibility=False),
     "spynet": NetworkConfig(backbone="spynet", pyramid_channels=(24, 24, 24)),

@@ -13,7 +13,7 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 Module = TypeVar("Module", bound=nn.Module)
 
 LEAK = 0.1
-"""Negative slope of every LeakyReLU, as in PWC-Net."""
+"""Negative slope of every LeakyReLU, as in PWC-Net; the context network's is a setting."""
 
 
 def conv_block(
@@ -165,6 +165,9 @@ class Context(nn.Module):
         self.layers = nn.Sequential(
             *(conv_block(before, after, dilation=dilation) for before, after, dilation in layers)
         )
+        for layer in self.layers.modules():
+            if isinstance(layer, nn.LeakyReLU):
+                layer.negative_slope = config.context_slope
         self.outputs = widths[-1]
         self.motion = small_init(nn.Conv2d(self.outputs, 2, 3, padding=1))
 

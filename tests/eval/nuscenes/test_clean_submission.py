@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mottrack.eval.nuscenes.bodies import to_bodies
 from mottrack.eval.nuscenes.boxes import Samples
 from mottrack.eval.nuscenes.clean_submission import read_clean
 from mottrack.eval.nuscenes.groundtruth import read_ground_truth
@@ -66,10 +67,12 @@ def assert_as_single_boxes(path: Path, among: Samples) -> None:
     assert validate(slow, among, Rules()) == []
     assert clean.meta == slow.meta
     boxes = to_boxes(slow, among, Rules())
-    for column in fields(boxes):
-        np.testing.assert_array_equal(
-            getattr(clean.boxes, column.name), getattr(boxes, column.name), column.name
-        )
+    bodies = to_bodies(slow, boxes, Rules())
+    for table, same in ((clean.boxes, boxes), (clean.bodies, bodies)):
+        for column in fields(same):
+            np.testing.assert_array_equal(
+                getattr(table, column.name), getattr(same, column.name), column.name
+            )
 
 
 @pytest.mark.parametrize("indent", [None, 1])

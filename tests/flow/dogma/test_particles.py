@@ -145,8 +145,9 @@ def test_nothing_new_comes_out_of_free_space_unless_every_draw_did():
     free = np.ones((6, 6), np.float32)
     free[3, :3] = 0  # something was to the left of cell 21, which is free itself
 
-    def share_from_free(free_before):
-        prior = VelocityPrior.of(BirthConfig(), np.zeros((6, 6), np.float32), free_before, 0.1)
+    def share_from_free(free_before, **settings):
+        config, uncovered = BirthConfig(**settings), np.zeros((6, 6), np.float32)
+        prior = VelocityPrior.of(config, uncovered, free_before, 0.1)
         born = draw_births(Births(start, 1.0), WINDOW, prior, stream(1, 2, 3), ONE)
         came_from = born._replace(
             x_m=born.x_m - born.vx_mps * prior.dt_s, y_m=born.y_m - born.vy_mps * prior.dt_s
@@ -157,6 +158,7 @@ def test_nothing_new_comes_out_of_free_space_unless_every_draw_did():
     assert 0.5 < once < 0.9
     often = share_from_free(free)
     np.testing.assert_allclose(often, once**MAX_DRAWS, rtol=0.05)
+    assert share_from_free(free, draws=1) == once  # as Nuss et al.: whatever is drawn is born
 
 
 def candidates(count, births):

@@ -12,6 +12,7 @@ from mottrack.core.grid import BevGrid
 from mottrack.core.pose import Pose, rotation_2d
 from mottrack.core.sweep import Sweep
 from mottrack.flow.dogma.source import DogmaFlow
+from mottrack.objects.velocity import VelocityConfig, measure_velocity
 
 GRID = BevGrid(-20.0, 20.0, -20.0, 20.0, 0.25)
 ORIGIN_M = np.array([0.0, 0.0, 1.8])
@@ -172,6 +173,19 @@ def test_a_pipeline_continues_after_a_gap():
         measured.append(step.field is not None)
     assert measured == [False, True, True, False, True, True]
     assert step.field.valid.any()
+
+
+def test_a_pipeline_takes_the_covariance_of_section_5b_where_the_source_filters():
+    few = ("flow.filter.particles=20000", "flow.filter.births=2000", "flow.threads=1")
+    pipeline = Pipeline.from_config("table4_printed", "flow=dogma_printed", *few)
+    for k in range(6):
+        seen = sweep(k)
+        step = pipeline.feed(seen.stamp_ns, seen.xyz_m, seen.world_T_ego, origin_m=ORIGIN_M)
+    clusters = step.objects.transformed(seen.world_T_ego.inverse(), "ego")
+    settings = VelocityConfig(rule="weighted", covariance="printed")
+    expected = measure_velocity(step.field, clusters, settings, filtered=True)
+    assert expected.valid.any()
+    np.testing.assert_allclose(step.objects.velocity.covariance_m2ps2, expected.covariance_m2ps2)
 
 
 @pytest.mark.parametrize("wrong", [{"particles": 0}, {"births": 0}, {"particle": 5}])

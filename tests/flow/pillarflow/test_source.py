@@ -23,6 +23,7 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.decoders import DECODERS, PRESETS
 from mottrack.flow.pillarflow.engine import CpuEngine
 from mottrack.flow.pillarflow.export import export_onnx
+from mottrack.flow.pillarflow.layers import Context
 from mottrack.flow.pillarflow.network import NetworkInput, PillarFlowNet, PointBatch
 from mottrack.flow.pillarflow.pillars import CellGrid, describe
 from mottrack.flow.pillarflow.source import (
@@ -263,6 +264,16 @@ def test_export_agrees_with_onnxruntime(tmp_path: Path, backbone: str) -> None:
     cells = CellGrid(-16.0, -16.0, 0.5, 64, 64)
     worst_m = export_onnx(_weights(config), tmp_path / "net.onnx", cells)
     assert worst_m < 1e-4
+
+
+def test_the_context_network_of_the_paper_has_relu() -> None:
+    """Section III-B; the shipped networks were trained with PWC-Net's LeakyReLU."""
+    torch.manual_seed(0)
+    features, motion = torch.randn(1, 5, 8, 8), torch.zeros(1, 2, 8, 8)
+    for config in (PRESETS["paper"], PRESETS["base"]):
+        context = Context(config, inputs=5).eval()
+        least = context(features, motion)[1].min().item()
+        assert (least == 0.0) == (config is PRESETS["paper"])
 
 
 def test_labels_follow_a_turning_box() -> None:
