@@ -50,7 +50,7 @@ def box_velocities(track_id: I64, stamp_ns: I64, position_m: F64, *, fitted: boo
     if not fitted:
         return centred_mps
     velocity_mps = fitted_slopes(track_id, stamp_ns, position_m[:, :2])
-    known = np.isfinite(velocity_mps).all(axis=1)
+    known = np.asarray(np.isfinite(velocity_mps).all(axis=1))
     return np.where(known[:, None], velocity_mps, centred_mps)
 
 
