@@ -44,7 +44,7 @@ _OUTLIER_SIGMAS = 2.0
 _PRIOR_FREEDOM = 4.0
 """Degrees of freedom that the stated covariances are worth: two estimates of a plane velocity. Of
 0, 2, 4 and 8, the one at which mean d^2 / 2 lies nearest to 1 on the drives left out."""
-_HOPELESS = 0.1
+_HOPELESS = 0.02
 """Probability of moving, from the claim and the newest past sweep, below which no registration is
 tried. It withdraws no motion that the registration would have kept."""
 _ITERATIONS = 6

@@ -10,6 +10,7 @@ by cell, the side of a car would be at rest, since it slides along itself.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -43,8 +44,24 @@ class RefineConfig(StrictModel):
     )
 
 
+class ClaimedComponents(NamedTuple):
+    """Components that a field claims to move."""
+
+    cells: I64
+    """(H, W) component of each cell, -1 for none."""
+    motions: ComponentMotions
+
+
 def refine(field: FlowField, pair: SweepPair, config: RefineConfig) -> FlowField:
     """Return the field with each moving component refined or withdrawn."""
+    found = refine_components(field, pair, config)
+    return field if found is None else _applied(field, found, config.least_probability)
+
+
+def refine_components(
+    field: FlowField, pair: SweepPair, config: RefineConfig
+) -> ClaimedComponents | None:
+    """Return the components that a field claims to move, with their motions; None without any."""
     vx, vy = np.moveaxis(field.velocity_mps, -1, 0)
     # in 64 bits, so that a threshold is not rounded to the precision of the field
     moving = np.sqrt(vx * vx + vy * vy).astype(np.float64) > config.moving_mps
@@ -54,15 +71,14 @@ def refine(field: FlowField, pair: SweepPair, config: RefineConfig) -> FlowField
     )
     past = chosen_past(pair, config.past_sweeps)
     if count == 0 or not past or len(pair.current) == 0:
-        return field
+        return None
     current = CurrentPoints(pair, config.match)
     rows, cols, inside = field.grid.cells(current.points_m)
     labels = Labels(np.where(inside, cells[rows, cols], -1), count)
     claims = Claims(
         _medians(field.velocity_mps, cells, count), _medians(field.covariance_m2ps2, cells, count)
     )
-    motions = component_motions(current, past, labels, claims)
-    return _applied(field, cells, motions, config.least_probability)
+    return ClaimedComponents(cells, component_motions(current, past, labels, claims))
 
 
 def chosen_past(pair: SweepPair, count: int) -> list[PastSweep]:
@@ -84,13 +100,12 @@ def _medians(values: Floats, cells: I64, count: int) -> F64:
     return np.array([np.median(part, axis=0) for part in parts], dtype=np.float64)
 
 
-def _applied(
-    field: FlowField, cells: I64, motions: ComponentMotions, least_probability: float
-) -> FlowField:
+def _applied(field: FlowField, found: ClaimedComponents, least_probability: float) -> FlowField:
     """Apply the motions.
 
     A withdrawn v was real with probability p: its covariance gains p v v^T.
     """
+    cells, motions = found
     rows, cols = np.nonzero(cells >= 0)
     owner = cells[rows, cols]
     p = motions.p_moving
