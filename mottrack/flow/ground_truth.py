@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,7 +15,7 @@ from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Truth
 from mottrack.core.pose import rotation_2d
-from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.core.sweep import Sweep
 from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.flow.sweep_pair import (
     GroundStage,
@@ -26,9 +25,6 @@ from mottrack.flow.sweep_pair import (
     unmeasured,
 )
 from mottrack.lidar.in_boxes import points_in_boxes
-
-_RECENT_TRUTHS = 32
-"""The previous sweep of a pair, or the last annotated frame, may be a few sweeps back."""
 
 
 class GroundTruthConfig(StrictModel):
@@ -43,11 +39,11 @@ class GroundTruthConfig(StrictModel):
 
 
 class GroundTruthFlow(FlowSourceBase):
-    """Velocity of each labelled object: the difference of its positions over the elapsed time.
+    """Velocity of each labelled object at the current stamp, as the data set gives or fits it.
 
     "Only labeled dynamic objects can have a valid velocity, and all non-labeled obstacles and
     background should have zero velocity" (section III-C): the other occupied cells are zero and
-    valid. Cells of an object that was not annotated before are occupied and not valid.
+    valid. Cells of an object whose velocity the labels do not give are occupied and not valid.
     """
 
     Config = GroundTruthConfig
@@ -59,16 +55,15 @@ class GroundTruthFlow(FlowSourceBase):
         self.config = config or GroundTruthConfig()
         self.grid = grid or BevGrid()
         self._ground = self.config.ground.reaching(self.grid)
-        self._truth: deque[Truth] = deque(maxlen=_RECENT_TRUTHS)
+        self._truth: Truth | None = None
 
     def observe(self, frame: Frame) -> None:
         """Store the truth of a frame, if it has one."""
-        if frame.truth is not None:
-            self._truth.append(frame.truth)
+        self._truth = frame.truth
 
     def reset(self) -> None:
         """Remove the stored truth at the start of a scene."""
-        self._truth.clear()
+        self._truth = None
 
     def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field of the truth observed last; without truth no cell is valid.
@@ -78,10 +73,10 @@ class GroundTruthFlow(FlowSourceBase):
         """
         elapsed_seconds(past, current)
         obstacles, _ = obstacle_points(current, self._ground)
-        if not self._truth or self._truth[-1].stamp_ns != current.stamp_ns:
+        truth = self._truth
+        if truth is None or truth.stamp_ns != current.stamp_ns:
             return unmeasured(self.grid, obstacles)
-        truth = self._truth[-1]
-        world_mps, known = self._velocities(truth, past[-1].stamp_ns)
+        world_mps, known = self._velocities(truth)
         ego_T_world = current.world_T_ego.inverse()
         object_of = self._cells(truth.transformed(ego_T_world, "ego"), obstacles)
         # the last row is picked by -1: background, static, known
@@ -90,22 +85,10 @@ class GroundTruthFlow(FlowSourceBase):
         variance = self.config.sigma_mps**2
         return flow_field(self.grid, obstacles, velocity_mps[object_of], valid, variance)
 
-    def _velocities(self, truth: Truth, previous_ns: int) -> tuple[F64, Mask]:
-        """Return world velocities (N, 2) since the truth at `previous_ns` or earlier, and a mask.
-
-        The mask (N,) says for which objects the velocity is known.
-        """
-        velocity_mps = np.zeros((len(truth), 2))
-        known = np.zeros(len(truth), dtype=np.bool_)
-        earlier = [t for t in self._truth if t.stamp_ns <= previous_ns]
-        if not earlier:
-            return velocity_mps, known
-        before = earlier[-1]
-        elapsed_s = seconds_between(before.stamp_ns, truth.stamp_ns)
-        _, now, then = np.intersect1d(truth.id, before.id, return_indices=True)
-        shift_m = truth.centre_m[now, :2] - before.centre_m[then, :2]
-        velocity_mps[now] = shift_m / elapsed_s
-        known[now] = True
+    def _velocities(self, truth: Truth) -> tuple[F64, Mask]:
+        """Return world velocities (N, 2), zero where slow or unknown, and a mask of the known."""
+        known = np.asarray(np.isfinite(truth.velocity_mps).all(axis=1))
+        velocity_mps = np.where(known[:, None], truth.velocity_mps, 0.0)
         slow = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) < self.config.static_below_mps
         velocity_mps[slow] = 0.0
         return velocity_mps, known

@@ -33,7 +33,7 @@ from mottrack.flow.sweep_pair import (
     SweepPair,
     elapsed_seconds,
 )
-from mottrack.lidar.alignment import AlignmentConfig, residual_motion
+from mottrack.lidar.alignment import AlignmentConfig, AlignmentTarget, residual_motion
 from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster, with_returns
 
 _NEAR_M = 0.5
@@ -93,8 +93,9 @@ class Stages:
         self._recent.keep(past[0], current)
         later = self._recent.of(current)
         now, now_height_m = later.obstacles
+        target = AlignmentTarget(now.xyz_m, self.config.alignment)
         return SweepPair(
-            past=tuple(self._past_sweep(sweep, later) for sweep in past),
+            past=tuple(self._past_sweep(sweep, current, target) for sweep in past),
             current=now,
             current_features=later,
             current_height_m=now_height_m,
@@ -107,15 +108,14 @@ class Stages:
         self._recent.keep(sweep, sweep)
         return self._recent.of(sweep)
 
-    def _past_sweep(self, sweep: Sweep, later: SweepFeatures) -> PastSweep:
+    def _past_sweep(self, sweep: Sweep, current: Sweep, target: AlignmentTarget) -> PastSweep:
         """Return an earlier sweep in the current frame, aligned with the current one directly."""
-        features, current = self._recent.of(sweep), later.sweep
+        features = self._recent.of(sweep)
         then, height_m = features.obstacles
         sweep_T_current = sweep.world_T_ego.inverse() @ current.world_T_ego
         then = _moved(then, sweep_T_current.inverse())
         if self.config.alignment.enabled:
-            now = later.obstacles[0]
-            correction = residual_motion(then.xyz_m, now.xyz_m, self.config.alignment)
+            correction = residual_motion(then.xyz_m, target)
             then = _moved(then, correction)
             sweep_T_current = sweep_T_current @ correction.inverse()
         return PastSweep(

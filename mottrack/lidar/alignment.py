@@ -8,6 +8,7 @@ of the odometry.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -58,21 +59,33 @@ class _NormalEquations(NamedTuple):
     pairs: int
 
 
-def residual_motion(previous_m: F32, current_m: F32, config: AlignmentConfig | None = None) -> Pose:
-    """Return `aligned_T_compensated`, which moves the previous points (N, 3) onto the current.
+class AlignmentTarget:
+    """The sweep that others are aligned to: indexed once, on first use."""
 
-    Both are non-ground points in the current ego frame, ego motion removed. The identity where
+    def __init__(self, current_m: F32, config: AlignmentConfig | None = None) -> None:
+        """Keep the non-ground points (N, 3) of the current sweep in its ego frame."""
+        self.current_m, self.config = current_m, config or AlignmentConfig()
+
+    @cached_property
+    def grid(self) -> PointGrid:
+        """The thinned points."""
+        thinned_m = self.current_m[first_in_voxel(self.current_m, _VOXEL_M)]
+        return build_point_grid(thinned_m, self.config.gate_m / 2)
+
+
+def residual_motion(previous_m: F32, target: AlignmentTarget) -> Pose:
+    """Return `aligned_T_compensated`, which moves the previous points (N, 3) onto the target.
+
+    They are non-ground points in the current ego frame, ego motion removed. The identity where
     there are too few pairs or the correction exceeds its bounds.
     """
-    config = config or AlignmentConfig()
-    if len(previous_m) < _MIN_PAIRS or len(current_m) < _MIN_PAIRS:
+    config = target.config
+    if len(previous_m) < _MIN_PAIRS or len(target.current_m) < _MIN_PAIRS:
         return Pose.identity()
     rng = np.random.default_rng(config.seed)
     spread = rng.permutation(first_in_voxel(previous_m, _SPREAD_M))[: config.max_points]
-    thinned_m = current_m[first_in_voxel(current_m, _VOXEL_M)]
-    grid = build_point_grid(thinned_m, config.gate_m / 2)
     gates_m = np.geomspace(config.gate_m, config.gate_m / 3, config.iterations)
-    found = _planar_icp(grid, previous_m[spread], gates_m)
+    found = _planar_icp(target.grid, previous_m[spread], gates_m)
     too_far = np.hypot(found.x_m, found.y_m) > config.max_shift_m
     if too_far or abs(found.turn_rad) > config.max_turn_rad:
         return Pose.identity()

@@ -82,11 +82,17 @@ def test_what_was_occluded_does_not_move(source, street_of):
 
 
 def field_with(pair, velocity_mps):
-    """A field that is valid on the occupied cells, with velocities (H, W, 2) or one for all."""
+    """A field that is valid on the occupied cells, with velocities (H, W, 2) or one for all.
+
+    It is certain of them to 1 m/s: a refinement keeps what claims to be certain.
+    """
     occupied = GRID.occupancy(pair.current.xyz_m)
     blank = FlowField.unmeasured(GRID, occupied, pair.current.stamp_ns)
     velocity = np.where(occupied[..., None], velocity_mps, 0.0)
-    return replace(blank, velocity_mps=velocity.astype(np.float32), valid=occupied)
+    certain = np.broadcast_to(np.eye(2, dtype=np.float32), (*GRID.shape, 2, 2))
+    return replace(
+        blank, velocity_mps=velocity.astype(np.float32), valid=occupied, covariance_m2ps2=certain
+    )
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mottrack.core.pose import Pose
-from mottrack.lidar.alignment import AlignmentConfig, residual_motion
+from mottrack.lidar.alignment import AlignmentConfig, AlignmentTarget, residual_motion
 
 
 def corners(seed):
@@ -36,7 +36,7 @@ def test_a_pose_error_is_corrected(x, y, turn, seed):
     current = corners(seed)
     error = Pose.from_yaw(turn, (x, y, 0.0))
     previous = error.apply(current).astype(np.float32)
-    left = (residual_motion(previous, current) @ error).matrix - np.eye(4)
+    left = (residual_motion(previous, AlignmentTarget(current)) @ error).matrix - np.eye(4)
     assert np.abs(left[:2, 3]).max() < 0.02
     assert abs(left[1, 0]) < 1e-3
 
@@ -45,9 +45,13 @@ def test_a_large_correction_is_refused():
     current = corners(0)
     moved = current + np.array([0.28, 0.0, 0.0], np.float32)
     config = AlignmentConfig(max_shift_m=0.1)
-    np.testing.assert_array_equal(residual_motion(moved, current, config).matrix, np.eye(4))
+    np.testing.assert_array_equal(
+        residual_motion(moved, AlignmentTarget(current, config)).matrix, np.eye(4)
+    )
 
 
 def test_too_few_points_give_no_correction():
     few = np.ones((10, 3), np.float32)
-    np.testing.assert_array_equal(residual_motion(few, corners(0)).matrix, np.eye(4))
+    np.testing.assert_array_equal(
+        residual_motion(few, AlignmentTarget(corners(0))).matrix, np.eye(4)
+    )

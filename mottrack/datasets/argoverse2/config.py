@@ -66,6 +66,9 @@ class Argoverse2Config(StrictModel):
         (1.35, 0.0, 1.64),
         description="optical centre in the ego frame, where a log has no calibration folder",
     )
+    fitted_velocity: bool = Field(
+        True, description="true velocities: a robust fit over 0.6 s, else differences of boxes"
+    )
     vehicle: VehicleOutline | None = Field(
         VEHICLE, description="points inside it are returns of the own body, and cut; null: none"
     )

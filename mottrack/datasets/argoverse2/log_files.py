@@ -12,9 +12,9 @@ import numpy as np
 from mottrack.core import Pose, Sweep, TruthTable
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
-from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.limits import MAX_POINTS
 from mottrack.datasets.argoverse2.config import Argoverse2Config
+from mottrack.datasets.fitted_velocity import box_velocities
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     frames_at,
@@ -145,7 +145,7 @@ def read_annotations(path: Path, poses: LogPoses, config: Argoverse2Config) -> T
     Args:
         path: `annotations.feather`.
         poses: of the log.
-        config: names the classes.
+        config: names the classes, and how velocities are found.
 
     Raises:
         DataError: damaged file, a value out of range, or a track twice at one time.
@@ -165,7 +165,9 @@ def read_annotations(path: Path, poses: LogPoses, config: Argoverse2Config) -> T
         centre_m=centre_m,
         size_m=table["size"],
         yaw_rad=yaw_rad,
-        velocity_mps=centred_velocities(identity, table["timestamp_ns"], centre_m),
+        velocity_mps=box_velocities(
+            identity, table["timestamp_ns"], centre_m, fitted=config.fitted_velocity
+        ),
         num_points=table["num_interior_pts"],
         interpolated=np.zeros(len(table), dtype=bool),
     )

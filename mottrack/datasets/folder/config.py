@@ -34,6 +34,9 @@ class FolderConfig(StrictModel):
     lidar_origin_m: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description="optical centre of the LiDAR in the ego frame"
     )
+    fitted_velocity: bool = Field(
+        True, description="true velocities: a robust fit over 0.6 s, else differences of boxes"
+    )
     vehicle: VehicleOutline | None = Field(
         None, description="outline of your vehicle: points inside it are cut; null: none are"
     )

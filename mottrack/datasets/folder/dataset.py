@@ -121,7 +121,8 @@ class FolderScene:
     @cached_property
     def _truth(self) -> TruthTable | None:
         path = self._folder / "boxes.csv"
-        return read_boxes_csv(path, self._poses) if present(path) else None
+        fitted = self._config.fitted_velocity
+        return read_boxes_csv(path, self._poses, fitted=fitted) if present(path) else None
 
     @cached_property
     def _detections(self) -> DetectionTable | None:

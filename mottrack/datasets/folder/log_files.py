@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core import DataError, InputError, Pose, Sweep, TruthTable
-from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.npz import unpacked_npz
+from mottrack.datasets.fitted_velocity import box_velocities
 from mottrack.datasets.scene_boxes import (
     DetectionTable,
     frames_at,
@@ -61,8 +61,8 @@ def read_poses_csv(path: Path) -> dict[int, Pose]:
     return poses
 
 
-def read_boxes_csv(path: Path, poses: Mapping[int, Pose]) -> TruthTable:
-    """Return the labelled boxes in the world; velocities follow from the positions.
+def read_boxes_csv(path: Path, poses: Mapping[int, Pose], *, fitted: bool) -> TruthTable:
+    """Return the labelled boxes in the world; velocities follow from positions (`box_velocities`).
 
     Raises:
         DataError: a broken line, a value out of range, a stamp without a pose, or an identity twice
@@ -81,7 +81,7 @@ def read_boxes_csv(path: Path, poses: Mapping[int, Pose]) -> TruthTable:
         centre_m=centre_m,
         size_m=table.stacked(_SIZE),
         yaw_rad=yaw_rad,
-        velocity_mps=centred_velocities(table["id"], table["stamp_ns"], centre_m),
+        velocity_mps=box_velocities(table["id"], table["stamp_ns"], centre_m, fitted=fitted),
         num_points=np.full(len(table), -1),
         interpolated=np.zeros(len(table), dtype=bool),
     )

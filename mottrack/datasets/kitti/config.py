@@ -58,6 +58,9 @@ class KittiConfig(StrictModel):
     class_map: dict[str, str] = Field(
         CLASS_MAP, description="KITTI type to label; types left out are dropped"
     )
+    fitted_velocity: bool = Field(
+        True, description="true velocities: a robust fit over 0.6 s, else differences of boxes"
+    )
     vehicle: VehicleOutline | None = Field(
         VEHICLE, description="points inside it are returns of the own body, and cut; null: none"
     )

@@ -9,7 +9,6 @@ import numpy as np
 
 from mottrack.core import DataError, Frame, Pose, Sweep, TruthTable
 from mottrack.core.concerns import Concern
-from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.sweep import SECOND_NS
 from mottrack.datasets.detection_files import (
     SCENE,
@@ -17,6 +16,7 @@ from mottrack.datasets.detection_files import (
     is_general,
     relabelled,
 )
+from mottrack.datasets.fitted_velocity import box_velocities
 from mottrack.datasets.kitti.boxes import camera_to_ego
 from mottrack.datasets.kitti.camera import Camera
 from mottrack.datasets.kitti.config import CLASSES, KittiConfig
@@ -199,6 +199,7 @@ class KittiScene:
         rows = self._in_world(self._labels)
         frame, track = rows["frame"], rows["track"]
         stamps = np.array([self._stamp_ns(number) for number in frame], dtype=np.int64)
+        fitted = self._files.config.fitted_velocity
         table = TruthTable(
             frame=frame,
             id=track,
@@ -206,7 +207,7 @@ class KittiScene:
             centre_m=rows["centre_m"],
             size_m=rows["size_m"],
             yaw_rad=rows["yaw_rad"],
-            velocity_mps=centred_velocities(track, stamps, rows["centre_m"]),
+            velocity_mps=box_velocities(track, stamps, rows["centre_m"], fitted=fitted),
             num_points=np.full(len(rows), -1),
             interpolated=np.zeros(len(rows), dtype=bool),
         )

@@ -75,6 +75,9 @@ class Py123dConfig(StrictModel):
     scenes: tuple[str, ...] | None = Field(None, description="log names; none given: all")
     frames: int | None = Field(None, ge=1, description="only the first so many frames")
     class_map: dict[str, str] = Field(CLASS_MAP, description="name of a label to class")
+    fitted_velocity: bool = Field(
+        True, description="true velocities: a robust fit over 0.6 s, else differences of boxes"
+    )
     vehicle: VehicleOutline | None = Field(
         None, description="points inside it are returns of the own body, and cut; null: none"
     )

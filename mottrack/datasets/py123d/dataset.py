@@ -16,7 +16,7 @@ import pyarrow as pa
 from mottrack.core import ConfigError, DataError, Frame, Pose, Sweep, TruthTable
 from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import InputError
-from mottrack.core.label_velocities import centred_velocities
+from mottrack.datasets.fitted_velocity import box_velocities
 from mottrack.datasets.py123d.config import CLASSES, Py123dConfig
 from mottrack.datasets.py123d.log_safety import require_own_labels
 from mottrack.datasets.scene_boxes import truth_of
@@ -253,7 +253,9 @@ class Py123dScene:
             centre_m=table["translation"],
             size_m=table["size"],
             yaw_rad=quaternion_yaws(table["rotation"]),
-            velocity_mps=centred_velocities(identity, stamps, table["translation"]),
+            velocity_mps=box_velocities(
+                identity, stamps, table["translation"], fitted=self._config.fitted_velocity
+            ),
             num_points=table["points"],
             interpolated=np.zeros(len(table), dtype=bool),
         )

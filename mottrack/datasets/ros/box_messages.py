@@ -11,10 +11,10 @@ import numpy as np
 from mottrack.core import TruthTable
 from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import DataError
-from mottrack.core.label_velocities import centred_velocities
 from mottrack.core.objects import GENERIC
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import SECOND_NS
+from mottrack.datasets.fitted_velocity import box_velocities
 from mottrack.datasets.ros.messages import pose_values
 from mottrack.datasets.ros.motion import Motion
 from mottrack.datasets.ros.trajectory import composed
@@ -89,8 +89,8 @@ class MessageBoxes(NamedTuple):
             velocity_mps=np.einsum("nij,nj->ni", turn, self.velocity_mps),
         )
 
-    def truth(self, stamps_ns: Sequence[int]) -> TruthTable:
-        """Return the boxes as labels; velocities follow from the positions."""
+    def truth(self, stamps_ns: Sequence[int], *, fitted: bool) -> TruthTable:
+        """Return the boxes as labels; velocities follow from the positions (`box_velocities`)."""
         identity = identities(self.identity)
         stamp_ns = np.array(stamps_ns, dtype=np.int64)[self.frame]
         return TruthTable(
@@ -100,7 +100,7 @@ class MessageBoxes(NamedTuple):
             centre_m=self.pose[:, 4:],
             size_m=self.size_m,
             yaw_rad=self.yaw_rad,
-            velocity_mps=centred_velocities(identity, stamp_ns, self.pose[:, 4:]),
+            velocity_mps=box_velocities(identity, stamp_ns, self.pose[:, 4:], fitted=fitted),
             num_points=np.full(len(identity), -1),
             interpolated=np.zeros(len(identity), dtype=bool),
         )

@@ -74,6 +74,9 @@ class RosConfig(StrictModel):
     )
     intensity_max: float = Field(255.0, gt=0, description="intensity that becomes reflectance 1")
     max_gap_s: float = Field(0.5, gt=0, description="longest gap between poses that is bridged")
+    fitted_velocity: bool = Field(
+        True, description="true velocities: a robust fit over 0.6 s, else differences of boxes"
+    )
     vehicle: VehicleOutline | None = Field(
         None, description="outline of your vehicle: points inside it are cut; null: none are"
     )

@@ -201,4 +201,6 @@ class RosScene:
 
     @cached_property
     def _truth(self) -> TruthTable | None:
-        return None if self._labelled is None else self._labelled.truth(self._stamps)
+        if self._labelled is None:
+            return None
+        return self._labelled.truth(self._stamps, fitted=self._config.fitted_velocity)

@@ -15,7 +15,7 @@ from mottrack.core.errors import DataError
 from mottrack.core.grid import BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
-from mottrack.core.sweep import Sweep, has_jumped
+from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 from mottrack.flow.pillarflow.forked import require_threads
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
 from mottrack.flow.shipped_errors import shipped_errors
@@ -31,6 +31,9 @@ SHIPPED = Path(__file__).parent / "weights"
 
 MOST_SWEEPS = 12
 """Half a second at 20 Hz, with the current sweep."""
+_PAST_SWEEPS = 5
+"""Every tenth of the half second of `history_s`: one of them is near `baseline_s`, and the oldest
+is what the refinement registers to beside it."""
 
 
 def weights_path(name: str) -> Path:
@@ -63,6 +66,12 @@ class PillarFlowConfig(StrictModel):
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
     sweeps: int = Field(
         2, ge=2, le=MOST_SWEEPS, description="sweeps in use, the current one among them"
+    )
+    baseline_s: float = Field(
+        0.2,
+        gt=0,
+        le=0.5,
+        description="wanted age of the earlier sweep that weights of two sweeps compare with",
     )
     max_gap_s: float = Field(0.5, gt=0, description="over a longer gap no cell is valid")
     max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
@@ -103,7 +112,8 @@ class PillarFlow(FlowSourceBase):
         self.grid = grid or BevGrid()
         self.errors_name = self.config.weights + ("" if self.config.refined else "_raw")
         self.error_model = shipped_errors(self.errors_name)
-        self.past_sweeps = self.config.sweeps - 1
+        several = self.config.sweeps > 2
+        self.past_sweeps = self.config.sweeps - 1 if several else _PAST_SWEEPS
         self.stages = Stages(self.config.stages, self.grid)
         weights = load_weights(weights_path(self.config.weights))
         self.cells = weights.network.cells(self.grid)
@@ -121,12 +131,27 @@ class PillarFlow(FlowSourceBase):
         Raises:
             InputError: the sweeps are not in order of time.
         """
+        elapsed_seconds(past, current)
+        past = self.in_use(past, current)
         gap_s = elapsed_seconds(past, current)
         if gap_s > self.config.max_gap_s or has_jumped(past[-1], current):
             return unmeasured(self.grid, self.stages.features_of(current).obstacles[0])
         pair = self.stages.before(past, current)
         field = self.raw(pair)
         return self.stages.after(field, pair) if self.config.refined else field
+
+    def in_use(self, past: Sequence[Sweep], current: Sweep) -> list[Sweep]:
+        """Return the past sweeps that the network and the refinement use, from the oldest on.
+
+        Weights of two sweeps compare with the one whose age is nearest to `baseline_s`: over 0.2 s
+        a slow object moves twice as many cells as over 0.1 s, and a fast one stays in their reach.
+        """
+        if self.config.sweeps > 2:
+            return list(past)
+        ages_s = [seconds_between(sweep.stamp_ns, current.stamp_ns) for sweep in past]
+        wanted = int(np.argmin(np.abs(np.array(ages_s) - self.config.baseline_s)))
+        oldest = past[:1] if self.config.refined and wanted > 0 else []
+        return [*oldest, past[wanted]]
 
     def raw(self, pair: SweepPair) -> FlowField:
         """Run the network alone; nothing is valid if either sweep is empty.

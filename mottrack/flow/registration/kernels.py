@@ -87,8 +87,6 @@ class SearchLimits(NamedTuple):
     search_above_m: float
     """Zero-motion cost below which a component without starts is not registered."""
     max_turn_rad: float
-    min_points: int
-    """Components with fewer points are not registered."""
 
 
 class Component(NamedTuple):
@@ -116,21 +114,22 @@ def hypothesis_cost(
     scene: MatchScene, component: Component, motion: PlanarMotion
 ) -> tuple[float, int]:
     """Return the mean truncated distance in both directions, and the number of points in it."""
-    forward, n_forward = _forward(scene, component.points_m, motion)
-    backward, n_backward = _backward(scene, component, motion)
+    forward, n_forward = forward_distances(scene, component.points_m, motion)
+    backward, n_backward = backward_distances(scene, component, motion)
     total = n_forward + n_backward
     return ((forward + backward) / total if total else scene.truncation_m), total
 
 
 @compiled
-def _unseen(image: RangeImage, x_m: float, y_m: float, z_m: float) -> bool:
+def is_unseen(image: RangeImage, x_m: float, y_m: float, z_m: float) -> bool:
+    """Return whether a sweep could not see a place."""
     # one specialisation of state_at for places of either precision: it computes in double anyway
     place = np.float64(x_m), np.float64(y_m), np.float64(z_m)
     return state_at(image, place[0], place[1], place[2], _TOLERANCE_M) == UNSEEN
 
 
 @compiled
-def _forward(scene: MatchScene, points_m: F32, motion: PlanarMotion) -> tuple[float, int]:
+def forward_distances(scene: MatchScene, points_m: F32, motion: PlanarMotion) -> tuple[float, int]:
     """Return sum and number of distances of the moved component to the previous points."""
     shift_x, shift_y, turn_rad, centre_x, centre_y = motion
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
@@ -140,7 +139,7 @@ def _forward(scene: MatchScene, points_m: F32, motion: PlanarMotion) -> tuple[fl
         x = cos * dx - sin * dy + centre_x + shift_x
         y = sin * dx + cos * dy + centre_y + shift_y
         k, d2 = nearest(scene.previous, x, y, z, scene.truncation_m)
-        if k < 0 and _unseen(scene.previous_image, x, y, z / scene.z_scale):
+        if k < 0 and is_unseen(scene.previous_image, x, y, z / scene.z_scale):
             continue
         total += np.sqrt(d2)
         count += 1
@@ -148,12 +147,14 @@ def _forward(scene: MatchScene, points_m: F32, motion: PlanarMotion) -> tuple[fl
 
 
 @compiled
-def _backward(scene: MatchScene, component: Component, motion: PlanarMotion) -> tuple[float, int]:
+def backward_distances(
+    scene: MatchScene, component: Component, motion: PlanarMotion
+) -> tuple[float, int]:
     """Return sum and number of distances of previous points in the moved footprint to it."""
     grid = scene.previous
     shift_x, shift_y, turn_rad, centre_x, centre_y = motion
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
-    col_low, col_high, row_low, row_high = _moved_extent(
+    col_low, col_high, row_low, row_high = moved_extent(
         grid, component.points_m, motion, scene.cell_m
     )
     total, count, met = 0.0, 0, 0
@@ -166,14 +167,14 @@ def _backward(scene: MatchScene, component: Component, motion: PlanarMotion) -> 
             dx = grid.xyz_m[k, 0] - centre_x - shift_x
             dy = grid.xyz_m[k, 1] - centre_y - shift_y
             x, y = cos * dx + sin * dy + centre_x, cos * dy - sin * dx + centre_y
-            if not _in_footprint(scene, x, y, component.label):
+            if not in_footprint(scene, x, y, component.label):
                 continue
             met += 1
             if met % component.stride != 0:
                 continue
             z = grid.xyz_m[k, 2]
             j, d2 = nearest(scene.current, x, y, z, scene.truncation_m)
-            if j < 0 and _unseen(scene.current_image, x, y, z / scene.z_scale):
+            if j < 0 and is_unseen(scene.current_image, x, y, z / scene.z_scale):
                 continue
             total += np.sqrt(d2)
             count += 1
@@ -181,7 +182,8 @@ def _backward(scene: MatchScene, component: Component, motion: PlanarMotion) -> 
 
 
 @compiled
-def _in_footprint(scene: MatchScene, x_m: float, y_m: float, component: int) -> bool:
+def in_footprint(scene: MatchScene, x_m: float, y_m: float, component: int) -> bool:
+    """Return whether a place lies in the footprint of a component."""
     col = int((x_m - scene.corner_m[0]) // scene.cell_m)
     row = int((y_m - scene.corner_m[1]) // scene.cell_m)
     height, width = scene.footprint.shape
@@ -191,7 +193,7 @@ def _in_footprint(scene: MatchScene, x_m: float, y_m: float, component: int) -> 
 
 
 @compiled
-def _moved_extent(
+def moved_extent(
     grid: PointGrid, points_m: F32, motion: PlanarMotion, margin_m: float
 ) -> CellRange:
     """Return the cells of the grid that hold the moved component and a margin."""
@@ -210,14 +212,15 @@ def shift_costs(scene: MatchScene, components: Components, shifts_m: F64, max_po
     """Return (K, 2) the cost of one shift (K, 2) of each component, and the points in it."""
     costs = np.zeros((len(components.spans) - 1, 2))
     for k in range(len(costs)):
-        component = _compared(components, k, max_points)
+        component = compared_points(components, k, max_points)
         motion = PlanarMotion(shifts_m[k, 0], shifts_m[k, 1], 0.0, 0.0, 0.0)
         costs[k, 0], costs[k, 1] = hypothesis_cost(scene, component, motion)
     return costs
 
 
 @compiled
-def _compared(components: Components, k: int, max_points: int) -> Component:
+def compared_points(components: Components, k: int, max_points: int) -> Component:
+    """Return the points of component `k`, thinned evenly to about `max_points`."""
     first, last = components.spans[k], components.spans[k + 1]
     stride = max((last - first) // max_points, 1)
     return Component(np.ascontiguousarray(components.points_m[first:last:stride]), k, stride)
@@ -246,12 +249,12 @@ def match_components(
         result[k, 5] = cost_m
         given = starts.shift_m[starts.spans[k] : starts.spans[k + 1]]
         points = components.spans[k + 1] - components.spans[k]
-        if points < limits.min_points or (cost_m < limits.search_above_m and len(given) == 0):
+        if points == 0 or (cost_m < limits.search_above_m and len(given) == 0):
             continue
         candidates = np.zeros((len(given) + 1, 2))
         for i in range(len(given)):
             candidates[i + 1, 0], candidates[i + 1, 1] = given[i, 0], given[i, 1]
-        component = _compared(components, k, limits.max_points)
+        component = compared_points(components, k, limits.max_points)
         motion, cost = _best_shift(scene, component, candidates, zero_motion[k], limits.longest_m)
         if cost < _REFINED_BELOW * cost_m:
             motion, cost = _refine_locally(scene, component, motion, cost, limits.max_turn_rad)
@@ -319,7 +322,7 @@ def _significance(scene: MatchScene, points_m: F32, motion: PlanarMotion) -> flo
         then_x = cos * dx - sin * dy + centre_x + shift_x
         then_y = sin * dx + cos * dy + centre_y + shift_y
         k, zero2 = nearest(scene.previous, x, y, z, scene.truncation_m)
-        if k < 0 and _unseen(scene.previous_image, x, y, z / scene.z_scale):
+        if k < 0 and is_unseen(scene.previous_image, x, y, z / scene.z_scale):
             continue
         _, moved2 = nearest(scene.previous, then_x, then_y, z, scene.truncation_m)
         gain = np.sqrt(zero2) - np.sqrt(moved2)
@@ -341,7 +344,7 @@ def _refine_locally(
 
     The rotation is searched, too, where the component is large enough to determine one.
     """
-    centre_x, centre_y, radius_m = _centre_and_radius(component.points_m)
+    centre_x, centre_y, radius_m = centre_and_radius(component.points_m)
     x, y, turn = motion.x_m, motion.y_m, 0.0
     turns = len(component.points_m) >= _TURN_POINTS and radius_m > _TURN_RADIUS_M
     step = _FIRST_STEP_M
@@ -375,7 +378,7 @@ class _Disc(NamedTuple):
 
 
 @compiled
-def _centre_and_radius(points_m: F32) -> _Disc:
+def centre_and_radius(points_m: F32) -> _Disc:
     """Return the centre and the root mean square distance from it, at least a tenth of a metre."""
     x, y, square = 0.0, 0.0, 0.0
     for i in range(len(points_m)):

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.arrays import F32, F64, I64, Mask
 from mottrack.core.grid import BevGrid
 from mottrack.flow.registration.components import footprints
 from mottrack.flow.registration.correlation import SearchGrid, correlate_all, distance_map
@@ -21,12 +21,12 @@ from mottrack.flow.registration.kernels import (
     match_components,
     shift_costs,
 )
-from mottrack.flow.sweep_pair import SweepPair
+from mottrack.flow.sweep_pair import PastSweep, SweepPair
 from mottrack.lidar.point_grid import build_point_grid
 from mottrack.lidar.visibility import FREE, queried_from, states_of
 
 
-class MatchConfig(StrictModel):
+class CompareConfig(StrictModel):
     """How components are compared; lengths in metres."""
 
     voxel_m: float = Field(0.1, gt=0, description="one point per cube of this size is compared")
@@ -37,13 +37,19 @@ class MatchConfig(StrictModel):
     truncation_m: float = Field(
         0.5, gt=0, description="truncation distance of the cost, and the farthest pair"
     )
+    max_points: int = Field(50, ge=10, description="points of a component that are compared")
+    max_turn_radps: float = Field(
+        0.5, ge=0, description="fastest rotation; 0 registers shifts alone"
+    )
+
+
+class MatchConfig(CompareConfig):
+    """How components are compared and searched; lengths in metres."""
+
     max_points: int = Field(80, ge=10, description="points of a component that are compared")
     starts: int = Field(8, ge=0, description="best displacements of the correlation to start from")
     max_speed_mps: float = Field(
         40.0, gt=0, description="fastest motion: it sets the search radius"
-    )
-    max_turn_radps: float = Field(
-        0.5, ge=0, description="fastest rotation; 0 registers shifts alone"
     )
     search_above_m: float = Field(
         0.05, ge=0, description="components with a lower zero-motion cost are not searched"
@@ -113,14 +119,54 @@ class Labels:
     count: int
 
 
-class _Sorted(NamedTuple):
+class SortedPoints(NamedTuple):
     """The current points sorted by component."""
 
-    scene: MatchScene
-    """With the footprints of the components."""
+    footprint: I64
+    """(H, W) component of each cell of the raster, see `MatchScene`."""
     components: Components
     order: I64
     """(M,) index of each sorted point among the thinned points."""
+
+
+class CurrentPoints:
+    """The current sweep of a pair, thinned and indexed: the same for every past sweep."""
+
+    def __init__(self, pair: SweepPair, config: CompareConfig) -> None:
+        """Index the obstacle points of the current sweep."""
+        self.config = config
+        self.half_m = _half_width(pair)
+        self.raster = BevGrid(-self.half_m, self.half_m, -self.half_m, self.half_m, config.cell_m)
+        self.features = pair.current_features
+        self.points_m = pair.current.xyz_m[self.features.thinned(config.voxel_m)]
+        self.scale = np.array([1.0, 1.0, config.z_scale], np.float32)
+        self._scaled_m = self.points_m * self.scale
+        self.grid = build_point_grid(self._scaled_m, config.truncation_m / 2, self.half_m)
+        self.rows, self.columns, _ = self.raster.cells(self.points_m)
+
+    def sorted(self, labels: Labels) -> SortedPoints:
+        """Return the points by component."""
+        order = np.argsort(labels.of_point, kind="stable")
+        order = order[np.searchsorted(labels.of_point[order], 0) :]
+        spans = np.searchsorted(labels.of_point[order], np.arange(labels.count + 1))
+        footprint = footprints(self.raster.shape, self.rows, self.columns, labels.of_point)
+        return SortedPoints(footprint, Components(self._scaled_m[order], spans), order)
+
+    def scene(self, past: PastSweep, footprint: I64) -> MatchScene:
+        """Return the current sweep with one of the past."""
+        config, half_m = self.config, self.half_m
+        previous_m = past.obstacles.xyz_m[past.features.thinned(config.voxel_m)]
+        return MatchScene(
+            build_point_grid(previous_m * self.scale, config.truncation_m / 2, half_m),
+            self.grid,
+            queried_from(past.features.image, past.sweep_T_current),
+            self.features.image,
+            footprint,
+            (-half_m, -half_m),
+            config.cell_m,
+            config.z_scale,
+            config.truncation_m,
+        )
 
 
 class Matcher:
@@ -130,47 +176,37 @@ class Matcher:
         """Index the obstacle points of a pair."""
         self.config = config
         self.elapsed_s = pair.elapsed_s
-        half_m = _half_width(pair)
-        self.raster = BevGrid(-half_m, half_m, -half_m, half_m, config.cell_m)
-        now, then = pair.current_features, pair.previous_features
-        self.points_m = pair.current.xyz_m[now.thinned(config.voxel_m)]
-        self.previous_m = pair.previous.xyz_m[then.thinned(config.voxel_m)]
-        scale = np.array([1.0, 1.0, config.z_scale], np.float32)
-        self._scaled_m = self.points_m * scale
-        self._last: tuple[Labels, _Sorted] | None = None
-        self._rows, self._cols, _ = self.raster.cells(self.points_m)
-        self._scene = MatchScene(
-            build_point_grid(self.previous_m * scale, config.truncation_m / 2, half_m),
-            build_point_grid(self._scaled_m, config.truncation_m / 2, half_m),
-            queried_from(then.image, pair.previous_T_current),
-            now.image,
-            np.zeros((0, 0), np.int64),
-            (-half_m, -half_m),
-            config.cell_m,
-            config.z_scale,
-            config.truncation_m,
-        )
+        self.current = CurrentPoints(pair, config)
+        then = pair.previous_features.thinned(config.voxel_m)
+        self.previous_m = pair.previous.xyz_m[then]
+        self._scene = self.current.scene(pair.past[-1], np.zeros((0, 0), np.int64))
+        self._last: tuple[Labels, SortedPoints] | None = None
 
-    def match(self, labels: Labels, given: Starts | None = None, *, min_points: int = 1) -> Matches:
-        """Register each component from zero motion and from the given shifts or a correlation.
+    @property
+    def points_m(self) -> F32:
+        """(M, 3) thinned points of the current sweep."""
+        return self.current.points_m
 
-        The correlation is left out where starts are given; components of fewer than `min_points`
-        points keep zero motion.
-        """
-        config, (scene, components, order) = self.config, self._sorted(labels)
+    @property
+    def raster(self) -> BevGrid:
+        """The grid of footprints."""
+        return self.current.raster
+
+    def match(self, labels: Labels) -> Matches:
+        """Register each component from zero motion and from the best shifts of a correlation."""
+        config, (footprint, components, order) = self.config, self._sorted(labels)
+        scene = self._scene._replace(footprint=footprint)
         at_rest = np.zeros((labels.count, 2))
         zero_motion = shift_costs(scene, components, at_rest, config.max_points)
-        if given is None:
-            searched = zero_motion[:, 0] > config.search_above_m
-            given = self._correlate(order, components.spans, searched & self._short(components))
+        searched = zero_motion[:, 0] > config.search_above_m
+        starts = self._correlate(order, components.spans, searched & self._short(components))
         limits = SearchLimits(
             config.max_points,
             config.max_speed_mps * self.elapsed_s,
             config.search_above_m,
             config.max_turn_radps * self.elapsed_s,
-            max(min_points, 1),
         )
-        result = match_components(scene, components, given, zero_motion, limits)
+        result = match_components(scene, components, starts, zero_motion, limits)
         return Matches(
             shift_m=result[:, :2],
             turn_rad=result[:, 2],
@@ -186,18 +222,13 @@ class Matcher:
 
     def costs(self, labels: Labels, shift_m: F64) -> F64:
         """Return (K,) the cost of one given shift (K, 2) of each component, not registered."""
-        scene, components, _ = self._sorted(labels)
+        footprint, components, _ = self._sorted(labels)
+        scene = self._scene._replace(footprint=footprint)
         return shift_costs(scene, components, shift_m, self.config.max_points)[:, 0]
 
-    def _sorted(self, labels: Labels) -> _Sorted:
-        if self._last is not None and self._last[0] is labels:
-            return self._last[1]
-        order = np.argsort(labels.of_point, kind="stable")
-        order = order[np.searchsorted(labels.of_point[order], 0) :]
-        spans = np.searchsorted(labels.of_point[order], np.arange(labels.count + 1))
-        footprint = footprints(self.raster.shape, self._rows, self._cols, labels.of_point)
-        scene = self._scene._replace(footprint=footprint)
-        self._last = labels, _Sorted(scene, Components(self._scaled_m[order], spans), order)
+    def _sorted(self, labels: Labels) -> SortedPoints:
+        if self._last is None or self._last[0] is not labels:
+            self._last = labels, self.current.sorted(labels)
         return self._last[1]
 
     def _in_free_space(self, order: I64, spans: I64) -> I64:
@@ -225,20 +256,19 @@ class Matcher:
         distance = distance_map(self.raster.occupancy(self.previous_m), _TRUNCATION_STEPS * step)
         radius = int(np.ceil(radius / step))
         search = SearchGrid(radius, step, self.config.starts, _CORRELATED_POINTS)
-        cells = np.column_stack([self._rows[order], self._cols[order]])
+        rows, columns = self.current.rows[order], self.current.columns[order]
+        cells = np.column_stack([rows, columns])
         shifts, first = correlate_all(distance, cells, spans, wanted, search)
         return Starts(shifts[:, ::-1] * np.float64(cell_m), first)
 
 
 def _half_width(pair: SweepPair) -> float:
-    """Return the half width of a square, a whole number of metres, that holds both sweeps.
+    """Return the half width of a square, a whole number of metres, that holds every sweep.
 
-    What of the previous sweep lies twice as far as the current one reaches, as after a long gap,
-    is compared with nothing: it is left out, so that memory does not grow with the gap.
+    What of a past sweep lies twice as far as the current one reaches, as after a long gap, is
+    compared with nothing: it is left out, so that memory does not grow with the gap.
     """
-    then_m, now_m = (
-        float(np.abs(sweep.xyz_m[:, :2]).max(initial=1.0))
-        for sweep in (pair.previous, pair.current)
-    )
+    now_m = float(np.abs(pair.current.xyz_m[:, :2]).max(initial=1.0))
+    then_m = max(float(np.abs(past.obstacles.xyz_m[:, :2]).max(initial=1.0)) for past in pair.past)
     largest_m = max(now_m, min(then_m, 2.0 * max(now_m, pair.reach_m)))
     return float(np.ceil(largest_m + 0.5))  # the outermost cell is inside
