@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,7 @@ from mottrack.eval.scores import ScoreConfig
 from mottrack.experiment.criteria import Criterion
 from mottrack.objects.velocity import VelocityConfig
 
+LabelFree = Literal["auto", "always", "never"]
 MOST_CELLS = 4096
 """Of a side of the grid: 1 km at 0.25 m. More is a wrong unit, and would exhaust the memory."""
 
@@ -76,6 +77,10 @@ class Settings(StrictModel):
         description="age of the oldest sweep that a flow source with several past sweeps gets",
     )
     score_flow: bool = Field(default=True, description="compare the flow with truth, cell by cell")
+    label_free: LabelFree = Field(
+        default="auto",
+        description="judge the flow by geometry, without labels; auto: key frames without truth",
+    )
     flow_sample_limit: int = Field(
         default=4000, ge=1, description="cells per frame that are sampled for the flow scores"
     )

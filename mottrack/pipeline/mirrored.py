@@ -29,15 +29,7 @@ class MirroredScene:
 
     def frame(self, index: int) -> Frame:
         """Return the frame at `index`; measured velocities of detections are left out."""
-        frame = self.scene.frame(self.original(index))
-        stamp_ns = self._mirrored(frame.stamp_ns)
-        truth, found = frame.truth, frame.detections
-        return replace(
-            frame,
-            stamp_ns=stamp_ns,
-            truth=truth and replace(truth, stamp_ns=stamp_ns, velocity_mps=-truth.velocity_mps),
-            detections=found and replace(found, stamp_ns=stamp_ns, velocity=None),
-        )
+        return mirrored_frame(self.scene.frame(self.original(index)), self._end_ns)
 
     def sweep(self, index: int) -> Sweep:
         """Return the sweep at `index`; the order in which its points were measured is turned too.
@@ -45,13 +37,30 @@ class MirroredScene:
         Raises:
             DataError: the file is missing or damaged.
         """
-        sweep = self.scene.sweep(self.original(index))
-        offset_ns = sweep.time_offset_ns
-        return replace(
-            sweep,
-            stamp_ns=self._mirrored(sweep.stamp_ns),
-            time_offset_ns=None if offset_ns is None else -offset_ns,
-        )
+        return mirrored_sweep(self.scene.sweep(self.original(index)), self._end_ns)
 
-    def _mirrored(self, stamp_ns: int) -> int:
-        return 2 * self.scene.frame(len(self.scene) - 1).stamp_ns - stamp_ns
+    @property
+    def _end_ns(self) -> int:
+        return self.scene.frame(len(self.scene) - 1).stamp_ns
+
+
+def mirrored_frame(frame: Frame, about_ns: int) -> Frame:
+    """Return a frame with time turned about a stamp; velocities of detections are left out."""
+    stamp_ns = 2 * about_ns - frame.stamp_ns
+    truth, found = frame.truth, frame.detections
+    return replace(
+        frame,
+        stamp_ns=stamp_ns,
+        truth=truth and replace(truth, stamp_ns=stamp_ns, velocity_mps=-truth.velocity_mps),
+        detections=found and replace(found, stamp_ns=stamp_ns, velocity=None),
+    )
+
+
+def mirrored_sweep(sweep: Sweep, about_ns: int) -> Sweep:
+    """Return a sweep with time turned about a stamp, also the order of its points."""
+    offset_ns = sweep.time_offset_ns
+    return replace(
+        sweep,
+        stamp_ns=2 * about_ns - sweep.stamp_ns,
+        time_offset_ns=None if offset_ns is None else -offset_ns,
+    )

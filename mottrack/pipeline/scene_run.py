@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -19,9 +20,16 @@ from mottrack.core.snapshot import Snapshot
 from mottrack.core.sweep import median_period_s
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.datasets.plausibility.watch import SceneWatch
+from mottrack.eval.label_free import LabelFreeSums
 from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_sampler import FlowSampler
+from mottrack.pipeline.label_free_sampler import (
+    Evidences,
+    LabelFreeSampler,
+    stating_innovations,
+    stride_of,
+)
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.measured_flow import MeasuredFlow
 from mottrack.pipeline.once import SharedFlow, SharedFrames, SharedObjects
@@ -49,6 +57,8 @@ class SceneRun:
     """What the tracker received, of each key frame."""
     scene_flow: SceneFlowSums | None = None
     """Point by point; None where flow is not compared with truth."""
+    label_free: LabelFreeSums | None = None
+    """Without labels; None where no field was judged."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +140,7 @@ class SharedParts:
 
     def __init__(self, scene: Scene, make_flow: MakeFlow) -> None:
         self.frames, self.truth = SharedFrames(scene), SharedTruth(scene)
+        self.evidences = Evidences()
         self._make_flow, self._has_sweeps = make_flow, scene.has_sweeps
         self._flows: dict[str, SharedFlow] = {}
         self._objects: dict[tuple[str, bool], SharedObjects] = {}
@@ -160,15 +171,22 @@ class SceneLoop:
         Raises:
             MottrackError: a part can't be made.
         """
-        settings = member.experiment.settings
+        experiment, settings = member.experiment, member.experiment.settings
         self._scene, self._frames = scene, shared.frames
-        self._pipeline = Pipeline(member.experiment, parts=shared.of(member.experiment))
+        diagnosed = replace(experiment, tracker=stating_innovations(experiment))
+        self._pipeline = Pipeline(diagnosed, parts=shared.of(experiment))
         if isinstance(scene, GroundMap):
             self._pipeline.use_ground(scene)
         self._sampler = FlowSampler.of(settings, scene.classes, has_sweeps=scene.has_sweeps)
         self._scene_flow = SceneFlowSampler(shared.truth, self._sampler.enabled)
         self._recorder = SnapshotRecorder(settings.snapshots.points, enabled=member.keep_snapshots)
         self._reads_sweeps = self._sampler.enabled or self._pipeline.needs_sweeps
+        self._label_free = LabelFreeSampler(
+            shared.evidences,
+            partial(make_flow, experiment),
+            settings.label_free if self._reads_sweeps else "never",
+            stride_of(len(scene)),
+        )
         self._watch, self._measured = SceneWatch(scene), MeasuredFlow()
         self._keys: list[Frame] = []
         self._steps: list[Tracks] = []
@@ -193,7 +211,9 @@ class SceneLoop:
         self._scene_flow.collect(frame, sweep, step.field)
         if pipeline.flow.needs_sweeps:
             self._measured.add(step)
+        self._label_free.collect(frame, step, index)
         if step.tracks is not None:
+            self._label_free.innovations(frame, pipeline.tracker)
             if step.objects is not None:
                 self._objects.append(SceneObjects.at(row, step.objects))
             self._sampler.collect(frame, step, row)
@@ -220,6 +240,7 @@ class SceneLoop:
             self._pipeline.step_times(period_s),
             tuple(self._objects),
             self._scene_flow.sums(),
+            self._label_free.sums(),
         )
 
 

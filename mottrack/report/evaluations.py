@@ -24,6 +24,7 @@ from mottrack.report.capability_panels import capability_panels
 from mottrack.report.panels import Panel, Series, Value
 from mottrack.report.player_data import MAX_FRAMES
 from mottrack.report.ranking import ReportRun
+from mottrack.runs.label_free import label_free_table
 from mottrack.runs.scene_flow import scene_flow_tables
 from mottrack.runs.tracked_run import of_run
 
@@ -31,6 +32,7 @@ MOST_SUSPECTS = 40
 """Probable label errors of a run that are listed: more than anybody looks at in one sitting."""
 SECTIONS = {
     "scene-flow": "Scene flow",
+    "label-free": "Flow without labels",
     "capabilities": "Capabilities",
     "slices": "Slices",
     "calibration": "Scores",
@@ -66,9 +68,17 @@ def evaluation_sections(runs: Sequence[ReportRun], shown: Sequence[str]) -> dict
         shown: names of the scenes that the player shows.
     """
     known = {run.title: of_run(run.scored) for run in runs if run.has_truth}
-    flow = scene_flow_tables([run.scored for run in runs])
+    scored = [run.scored for run in runs]
+    flow = FlowTables(scene_flow_tables(scored), label_free_table(scored))
     indices = {run.title: run.index for run in runs}
     return tracked_sections(known, flow, Player(tuple(shown), indices))
+
+
+class FlowTables(NamedTuple):
+    """Tables of the flow of runs; none of tracks alone."""
+
+    scene_flow: Sequence[TextTable] = ()
+    label_free: TextTable | None = None
 
 
 class Player(NamedTuple):
@@ -80,17 +90,18 @@ class Player(NamedTuple):
 
 
 def tracked_sections(
-    known: dict[str, TrackedScenes], scene_flow: Sequence[TextTable], player: Player
+    known: dict[str, TrackedScenes], flow: FlowTables, player: Player
 ) -> dict[str, Any]:
     """Return the content of all sections for tracks of any kind.
 
     Args:
         known: name to scenes with tracks and truth.
-        scene_flow: tables of the flow of runs; none for tracks alone.
+        flow: tables of the flow of runs.
         player: where single boxes can be seen.
     """
     content: dict[str, Any] = {
-        "scene_flow": scene_flow,
+        "scene_flow": flow.scene_flow,
+        "label_free": flow.label_free,
         "capabilities": capability_panels(
             {title: curves(of_scenes(scenes), RESAMPLES) for title, scenes in known.items()}
         ),
@@ -100,6 +111,7 @@ def tracked_sections(
     }
     filled = {
         "scene-flow": content["scene_flow"],
+        "label-free": content["label_free"],
         "capabilities": content["capabilities"],
         "slices": content["slices"],
         "calibration": known,

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from mottrack._version import __version__
 from mottrack.core.storage import write_text
 from mottrack.eval.tracked_scenes import TrackedScenes
-from mottrack.report.evaluations import Player, tracked_sections
+from mottrack.report.evaluations import FlowTables, Player, tracked_sections
 
 STYLES = ("base.css", "parts.css")
 SCRIPTS = ("theme.js", "tips.js", "start.js")
@@ -33,7 +33,7 @@ def write_tracked_page(known: dict[str, TrackedScenes], path: Path) -> None:
     )
     folder = files("mottrack.report").joinpath("templates")
     content = {
-        **tracked_sections(known, [], Player()),
+        **tracked_sections(known, FlowTables(), Player()),
         "version": __version__,
         "scenes": max(len(scenes.results) for scenes in known.values()),
         "style": "\n".join(folder.joinpath("css", name).read_text() for name in STYLES),

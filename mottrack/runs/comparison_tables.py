@@ -12,6 +12,7 @@ from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.criteria import criteria_table
 from mottrack.runs.differences import RunDifferences
+from mottrack.runs.label_free import label_free_table
 from mottrack.runs.scene_flow import figure_name, scene_flow_tables
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.velocity_bench import bench_table
@@ -40,6 +41,9 @@ def comparison_tables(comparison: Comparison) -> list[TextTable]:
     if any(run.scores.flow for run in runs):
         tables.insert(2, flow_table(runs))
     tables += scene_flow_tables(runs)
+    label_free = label_free_table(runs)
+    if label_free is not None:
+        tables.append(label_free)
     if comparison.flow_values:
         tables.append(bench_table(comparison.flow_values))
     tables.append(criteria_table(comparison.judged))
@@ -180,6 +184,7 @@ def metric_name(key: MetricKey) -> str:
     if key.table == "sceneflow":
         return f"scene flow, {figure_name(key)}"
     what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
+    what["label-free"] = "flow without labels, "
     row = "" if key.table == "tracking" else f"{key.row}, "
     unit = f" ({key.unit})" if key.unit else ""
     return f"{what[key.table]}{row}{key.metric}{unit}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from mottrack.eval.label_free import ERROR
 from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.differences import RunDifferences
@@ -18,9 +19,10 @@ NAMES = {
     AMOTA: "AMOTA",
     MOTA: "MOTA",
     FLOW: "flow RMSE of moving cells",
+    ERROR: "flow error without labels",
 }
 """Metrics that are told, in order of what they say of the whole pipeline."""
-UNITS = {VELOCITY: " m/s", FLOW: " m/s"}
+UNITS = {VELOCITY: " m/s", FLOW: " m/s", ERROR: " m/s"}
 
 
 def conclusion(comparison: Comparison) -> str:
@@ -33,10 +35,12 @@ def conclusion(comparison: Comparison) -> str:
     runs = [run for run in comparison.runs if run.finished]
     if not runs:
         return "No scene was finished, so nothing is known."
-    if not any(run.has_truth for run in runs):
-        return f"{_scenes(runs)} without truth: tracked, not scored."
     measured = {run.title for run in runs if not run.given_truth}
     parts = [part for part in comparison.differences if part.run in measured]
+    if not any(run.has_truth for run in runs):
+        judged = any(_row(part, ERROR) for part in parts)
+        told = _told(parts, ERROR) if judged else "tracked, not scored."
+        return f"{_scenes(runs)} without truth: {told}"
     if not parts:
         return _alone(runs[0])
     key = next((k for k in NAMES if any(_row(part, k) for part in parts)), None)

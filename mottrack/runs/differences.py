@@ -14,6 +14,7 @@ from mottrack.eval.paired import PairedDifference, paired_all
 from mottrack.eval.run_metrics import Resampling, RunMetrics
 from mottrack.experiment.experiment import Experiment
 from mottrack.formats.strict_json import strict
+from mottrack.runs.label_free import label_free_metrics
 from mottrack.runs.scene_flow import scene_flow_metrics
 from mottrack.runs.scored_run import ScoredRun
 
@@ -65,6 +66,7 @@ def sample_runs(runs: Sequence[ScoredRun]) -> Resamples:
     figures = {run.title: run.figures(common, scenes, runs[0].config) for run in runs}
     for run in runs:
         extra = scene_flow_metrics(run, scenes, common.weights)
+        extra |= label_free_metrics(run, scenes, common.weights)
         figures[run.title] = figures[run.title] | extra
     return Resamples(scenes, figures, common.weights)
 

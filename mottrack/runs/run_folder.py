@@ -20,6 +20,7 @@ from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects, load_objects, save_objects
 from mottrack.core.snapshot import Snapshot, load_snapshots, save_snapshots
 from mottrack.core.storage import discard_unfinished, write_text
+from mottrack.eval.label_free import LabelFreeSums, load_judgement, save_judgement
 from mottrack.eval.sceneflow.stored import load_sums, save_sums
 from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
@@ -32,8 +33,8 @@ from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
 
 RESULT, SNAPSHOTS, OBJECTS = ".npz", ".snapshots.npz", ".objects.npz"
-SCENE_FLOW = ".sceneflow.npz"
-BESIDE = (SNAPSHOTS, OBJECTS, SCENE_FLOW)
+SCENE_FLOW, LABEL_FREE = ".sceneflow.npz", ".labelfree.npz"
+BESIDE = (SNAPSHOTS, OBJECTS, SCENE_FLOW, LABEL_FREE)
 """Files of a scene that end as its result does."""
 MOST_NAME = 200
 """Characters of a scene's name: file names have 255 bytes, the suffix and a temporary name too."""
@@ -91,6 +92,10 @@ class RunFolder:
         """Return the path of the sums of the scene flow, if compared: eval.sceneflow.stored."""
         return self._file(scene, SCENE_FLOW)
 
+    def label_free_file(self, scene: str) -> Path:
+        """Return the path of the label-free sums, if the flow was judged: eval.label_free."""
+        return self._file(scene, LABEL_FREE)
+
     def latency_file(self, scene: str) -> Path:
         """Return the path of the seconds per stage of every step, key frame or not."""
         return self._file(scene, ".latency.json")
@@ -142,6 +147,8 @@ class RunFolder:
         save_objects(self.objects_file(result.name), run.objects)
         if run.scene_flow is not None:
             save_sums(self.scene_flow_file(result.name), run.scene_flow)
+        if run.label_free is not None:
+            save_judgement(self.label_free_file(result.name), run.label_free)
         seconds = {stage: values.tolist() for stage, values in result.timings_s.items()}
         write_text(self.timings_file(result.name), json.dumps(seconds))
         write_text(self.latency_file(result.name), json.dumps(run.times.as_dict()))
@@ -155,7 +162,8 @@ class RunFolder:
 
     def files(self, scene: str) -> dict[str, bytes]:
         """Read the stored files of a scene by path within the folder; its result comes last."""
-        beside = (self.snapshots_file, self.objects_file, self.scene_flow_file)
+        flow = (self.scene_flow_file, self.label_free_file)
+        beside = (self.snapshots_file, self.objects_file, *flow)
         paths = (self.timings_file, self.latency_file, *beside, self.scene_file)
         stored = [path for f in paths if (path := f(scene)).exists()]
         return {str(path.relative_to(self.path)): path.read_bytes() for path in stored}
@@ -219,6 +227,15 @@ class RunFolder:
         """
         path = self.scene_flow_file(scene)
         return load_sums(path) if path.exists() else None
+
+    def load_label_free(self, scene: str) -> LabelFreeSums | None:
+        """Read the label-free sums of a scene; None where its flow was not judged.
+
+        Raises:
+            ResultError: the file is damaged.
+        """
+        path = self.label_free_file(scene)
+        return load_judgement(path) if path.exists() else None
 
     def times(self, scene: str) -> StepTimes:
         """Read the times of every step.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from mottrack.eval.paired import MetricKey, PairedDifference
+from mottrack.eval import label_free
+from mottrack.eval.paired import MetricKey, PairedDifference, whole
 from mottrack.eval.velocity_error import CATEGORIES
 from mottrack.formats.text_table import Cell, Column, TextTable
 from mottrack.pipeline.latency import ORDER, TOTAL
 from mottrack.runs.comparison import Comparison
 from mottrack.runs.comparison_tables import significance
 from mottrack.runs.differences import RunDifferences
+from mottrack.runs.label_free import judgements
 from mottrack.runs.scored_run import ScoredRun
 
 UNLABELLED, VULNERABLE, STATIONARY, SLOW, FAST = CATEGORIES
@@ -19,6 +21,7 @@ SHORT = {
     MetricKey("velocity", FAST, "mean"): "velocity error of fast objects",
     MetricKey("velocity", UNLABELLED, "mean"): "velocity error, unlabelled",
     MetricKey("flow", "dynamic", "RMSE"): "flow RMSE, dynamic cells, m/s",
+    label_free.ERROR: "flow error without labels, m/s",
     MetricKey("tracking", "all", "AMOTA"): "AMOTA",
     MetricKey("tracking", "all", "MOTA"): "MOTA",
     MetricKey("tracking", "all", "IDS"): "identity switches",
@@ -28,6 +31,7 @@ METHOD = (
     "± is half the 95 % interval of the paired difference over resampled scenes; about 1 in 20 "
     "null differences is called significant"
 )
+RANKS = "rank by the error: no flow has the largest residual of what moves, none of what rests"
 ONE_SCENE = "one scene: no interval, so no difference is known to be significant"
 LATENCY = (
     "of steps in which every stage ran, without reading files; late: steps over the {budget} "
@@ -48,9 +52,9 @@ def summary_tables(comparison: Comparison) -> list[TextTable]:
     clusters = all(run.scores.overall.amota != run.scores.overall.amota for run in runs)
     scored = [velocity, flow, tracking] if clusters else [tracking, velocity, flow]
     if not any(run.has_truth for run in runs):
-        return [_latency(runs)]
+        scored = []
     parts = [part for part in comparison.differences if part.run not in comparison.equal]
-    tables = [*scored, _latency(runs), *_differences(parts)]
+    tables = [*scored, _label_free(runs), _latency(runs), *_differences(parts)]
     return [table for table in tables if table.rows]
 
 
@@ -101,6 +105,26 @@ def _flow(runs: Sequence[ScoredRun]) -> TextTable:
     names = ("dynamic: RMSE", "median", "within 1 m/s", "static: RMSE")
     columns = (Column("run"), *(Column(name) for name in names))
     return _without_empty(TextTable("flow", "Flow error of cells, m/s", columns, tuple(rows)))
+
+
+def _label_free(runs: Sequence[ScoredRun]) -> TextTable:
+    figures = {
+        "error": label_free.ERROR,
+        "moving: residual": label_free.MOVING,
+        "static: residual": label_free.STATIC,
+        "explained, %": label_free.EXPLAINED,
+        "consistent, %": label_free.CONSISTENT,
+        "NIS": label_free.NIS,
+    }
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        found = judgements(run, run.finished)
+        if found is not None:
+            values = (whole(found.metric(key), len(found.scenes)) for key in figures.values())
+            rows.append((run.title, *values))
+    columns = (Column("run"), *(Column(name) for name in figures))
+    title = "Flow judged without labels, m/s"
+    return _without_empty(TextTable("label_free", title, columns, tuple(rows), RANKS))
 
 
 def _latency(runs: Sequence[ScoredRun]) -> TextTable:

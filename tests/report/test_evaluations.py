@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mottrack.report.evaluations import Player, tracked_sections
+from mottrack.report.evaluations import FlowTables, Player, tracked_sections
 from mottrack.report.page import write_report
 from mottrack.report.panels import Panel, Series, Value
 from mottrack.report.tracked_page import write_tracked_page
@@ -36,7 +36,9 @@ def test_a_suspected_label_has_a_link_to_its_place_in_the_player(comparison: Com
     # the toy tracker drops every fifth frame of a track and switches identities
     player = Player(("b",), {run.title: 1})
     broken = replace(tracked, results=results)
-    (listed,) = tracked_sections({run.title: broken}, [], player)["evaluations"]["suspects"]
+    (listed,) = tracked_sections({run.title: broken}, FlowTables(), player)["evaluations"][
+        "suspects"
+    ]
     links = {row.cells[0]: row.link for row in listed.rows}
     assert set(links) == set(run.finished)
     assert re.fullmatch(r"scene=b&run=1&frame=\d+&x=-?[\d.]+&y=-?[\d.]+", links["b"])
