@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import inspect
 import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import yaml
 
-from mottrack._version import __version__
 from mottrack.core.arrays import F64
 from mottrack.core.errors import ConfigError, DataError, ResultError, require_exists, unknown_name
 from mottrack.core.result import SceneResult
@@ -24,13 +20,13 @@ from mottrack.eval.label_free import LabelFreeSums, load_judgement, save_judgeme
 from mottrack.eval.sceneflow.stored import load_sums, save_sums
 from mottrack.eval.sceneflow.sums import SceneFlowSums
 from mottrack.experiment.experiment import Experiment
-from mottrack.experiment.plugins import Part
 from mottrack.formats.columns import ColumnSpec
 from mottrack.formats.files import read_bytes
 from mottrack.formats.json_text import parse_json
 from mottrack.formats.nuscenes_tables import json_array
 from mottrack.pipeline.latency import StepTimes
 from mottrack.pipeline.scene_run import SceneRun
+from mottrack.runs.fingerprint import fingerprint
 
 RESULT, SNAPSHOTS, OBJECTS = ".npz", ".snapshots.npz", ".objects.npz"
 SCENE_FLOW, LABEL_FREE = ".sceneflow.npz", ".labelfree.npz"
@@ -39,21 +35,6 @@ BESIDE = (SNAPSHOTS, OBJECTS, SCENE_FLOW, LABEL_FREE)
 MOST_NAME = 200
 """Characters of a scene's name: file names have 255 bytes, the suffix and a temporary name too."""
 _SECONDS = ColumnSpec("seconds")
-PACKAGE = Path(__file__).resolve().parents[1]
-SOURCES = (
-    "core",
-    "lidar",
-    "geometry",
-    "formats",
-    "world",
-    "datasets",
-    "flow",
-    "objects",
-    "trackers",
-    "experiment",
-    "pipeline",
-)
-"""Packages whose code decides the result of a scene; evaluation, reports and pictures read it."""
 
 
 @dataclass(frozen=True)
@@ -339,49 +320,3 @@ def claim(file: Path, made_with: Mapping[str, str]) -> None:
             f"{file.parent} holds results of another {', another '.join(other)} ({file.name}); "
             "choose another --out or remove the folder"
         )
-
-
-def fingerprint(experiment: Experiment) -> dict[str, str]:
-    """Return what results are made with, by name: configuration, version, code and weights.
-
-    Raises:
-        DataError: a file of weights is missing.
-    """
-    return {"configuration": experiment.hash, **code_and_weights(experiment.parts)}
-
-
-def code_and_weights(parts: Sequence[Part]) -> dict[str, str]:
-    """Return the version and the digests of the code and of the files of weights of some parts.
-
-    Raises:
-        DataError: a file of weights is missing.
-    """
-    files = [file for part in parts for file in part.files()]
-    plug_ins = [part.cls for part in parts if ":" in part.kind]
-    sources = sorted({Path(file) for cls in plug_ins if (file := inspect.getsourcefile(cls))})
-    return {
-        "version": __version__,
-        "code": hashlib.sha256((_package_digest() + _digest(sources)).encode()).hexdigest(),
-        **{f"weights {file.name}": _digest([file]) for file in files},
-    }
-
-
-@cache
-def _package_digest() -> str:
-    """Return the digest of the package's sources, once per process: it runs what it imported."""
-    modules = [PACKAGE / "compiled.py", PACKAGE / "config.py"]
-    inside = [file for name in SOURCES for file in (PACKAGE / name).rglob("*.py")]
-    return _digest(sorted([*modules, *inside]))
-
-
-def _digest(files: list[Path]) -> str:
-    """Return the SHA-256 of names and contents, in the order given."""
-    digest = hashlib.sha256()
-    for file in files:
-        name = file.relative_to(PACKAGE) if file.is_relative_to(PACKAGE) else file.name
-        digest.update(f"{name}\0".encode())
-        try:
-            digest.update(file.read_bytes())
-        except OSError as error:
-            raise DataError(file, "file", error.strerror, "a readable file") from error
-    return digest.hexdigest()

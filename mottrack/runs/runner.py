@@ -15,9 +15,10 @@ from mottrack.experiment.experiment import Experiment
 from mottrack.pipeline.flow_cache import CachedFlow, FlowCache, StaleEntryError
 from mottrack.pipeline.scene_run import Member, SceneRun, as_text, flow_identity, run_together
 from mottrack.pipeline.stream import make_flow
+from mottrack.runs.fingerprint import code_and_weights, fingerprint
 from mottrack.runs.local_pool import LocalPool
 from mottrack.runs.lock import only_driver
-from mottrack.runs.run_folder import RunFolder, code_and_weights, fingerprint
+from mottrack.runs.run_folder import RunFolder
 from mottrack.runs.shard import Shard, ShardRecord, write_record
 from mottrack.runs.tasks import Executor, Job, OnStep, Outcome, Progress, Task, reason
 

