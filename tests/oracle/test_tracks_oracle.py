@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,10 @@ from mottrack.datasets.nuscenes.submission import write_submission
 from mottrack.datasets.scene_frames import key_frames
 from mottrack.datasets.synthetic import SyntheticConfig
 from mottrack.datasets.writers import write_synthetic
+from mottrack.eval.nuscenes.metrics import evaluate_prepared
+from mottrack.eval.nuscenes.prepare import prepare_results
+from mottrack.eval.nuscenes.rules import Rules
+from mottrack.formats.nuscenes_classes import RACK_CATEGORY
 from tests.runs.perfect import perfect
 
 WORLD = SyntheticConfig(scenes=2, seed=5, duration_s=1.2)
@@ -51,6 +56,37 @@ def test_av2s_own_command_evaluates_an_argoverse_run(
     assert scored["CLEAR"]["MOTA"] == pytest.approx(1.0)
     assert scored["CLEAR"]["IDSW"] == 0
     assert scored["HOTA"]["HOTA"].mean() > 0.9
+
+
+def test_racks_count_as_in_the_devkit(tmp_path: Path) -> None:
+    """On the rehearsal half of the motorcycles stand in a rack: a run's AMOTA is the official one.
+
+    The tracks of every second motorcycle are left out, so that the figure tells which ones count.
+    """
+    from devkit_evaluation import evaluate_folder
+
+    data = tmp_path / "data"
+    names = write_synthetic(data, "nuscenes", WORLD.model_copy(update={"duration_s": 4.05}))
+    (data / "scenes.txt").write_text("\n".join(names))
+    results = [
+        replace(
+            r, tracks=r.tracks.select((r.tracks.label != "motorcycle") | (r.tracks.id % 2 == 0))
+        )
+        for r in results_on(NuScenes(NuScenesConfig(root=data, rate_hz=2)))
+    ]
+    write_submission(data / "submission.json", results)
+    official, _ = evaluate_folder(data, tmp_path / "devkit")
+    own = evaluate_prepared(prepare_results(results, Rules()), Rules())
+    bare = [replace(r, truth=r.truth.select(r.truth.label != RACK_CATEGORY)) for r in results]
+    without = evaluate_prepared(prepare_results(bare, Rules()), Rules())
+    for label, figures in own.classes.items():
+        for name in ("amota", "amotp", "gt"):
+            assert figures[name] == pytest.approx(
+                official["label_metrics"][name][label], nan_ok=True
+            )
+    found, apart = own.classes["motorcycle"], without.classes["motorcycle"]
+    assert found["gt"] < apart["gt"]
+    assert abs(found["amota"] - apart["amota"]) > 0.1
 
 
 def test_the_devkit_loads_a_nuscenes_run(tmp_path: Path) -> None:

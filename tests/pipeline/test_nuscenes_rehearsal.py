@@ -24,7 +24,7 @@ from mottrack.eval.nuscenes.rules import Rules
 from mottrack.flow.pillarflow.training.shards import Shards
 from mottrack.formats.nuscenes_classes import RACK_CATEGORY, RACKED_CLASSES
 from mottrack.objects.clusters import ClusterSource
-from mottrack.paper.plan import Request
+from mottrack.paper.plan import STUDIES, Request
 from mottrack.paper.results import run_studies
 from mottrack.paper.studies import studies
 from mottrack.runs.local_pool import LocalPool
@@ -186,12 +186,27 @@ def test_racks_are_left_out_of_every_count(rehearsal: Rehearsal, tmp_path: Path)
     assert with_racks < without
 
 
-def test_flow_sources_configuration(rehearsal: Rehearsal, tmp_path: Path) -> None:
+def test_from_files_by_pillarflow_to_the_official_figures(
+    rehearsal: Rehearsal, tmp_path: Path
+) -> None:
+    """Files, flow, tracks, submission, evaluation, by commands alone."""
     words = [*of(rehearsal), f"dataset.scenes=[{rehearsal.names[0]}]", "--out", tmp_path]
     mottrack("compare", "nuscenes_flow_sources", *words, "--workers", 1)
     scores = json.loads((tmp_path / "scores.json").read_text())
     assert [run["flow"] for run in scores["runs"]] == ["zero", "binary_ogm", "pillarflow"]
     assert all(run["metrics"]["flow_error"]["dynamic"]["cells"] > 0 for run in scores["runs"])
+    split, submission = tmp_path / "scenes.txt", tmp_path / "submission.json"
+    split.write_text(rehearsal.names[0])
+    where = ["--root", rehearsal.root, "--split", split, "--out", submission]
+    mottrack("submit", tmp_path / "pillarflow", *where)
+    text = mottrack(
+        *("eval", "nuscenes", "--dataroot", rehearsal.root, "--split", split),
+        *("--submission", submission, "--out", tmp_path / "eval", "--no-picture"),
+    )
+    assert "velocity error of the tracks" in text
+    official = json.loads((tmp_path / "eval/metrics_summary.json").read_text())
+    own = scores["runs"][2]["metrics"]["overall"]
+    assert own["amota"] == pytest.approx(official["amota"], abs=1e-12)
 
 
 def test_training(rehearsal: Rehearsal, tmp_path: Path) -> None:
@@ -268,7 +283,7 @@ def test_the_studies_of_the_paper(mini: Rehearsal, tmp_path: Path, progress) -> 
     settings = (f"nuscenes.detections={DETECTIONS}",)
     request = Request(tmp_path, quick=True, roots={"nuscenes": mini.root}, settings=settings)
     wanted = [study for study in studies(request) if study.dataset == "nuscenes"]
-    assert {study.name for study in wanted if not study.reason} == {"flow", "tracking", "velocity"}
+    assert {study.name for study in wanted if not study.reason} == set(STUDIES)
     results = run_studies(
         wanted, tmp_path / "runs", execution=Execution(LocalPool(1)), progress=progress
     )
