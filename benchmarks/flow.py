@@ -25,7 +25,7 @@ from mottrack.core.arrays import F32
 from mottrack.core.grid import BevGrid
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.decoders import preset
-from mottrack.flow.pillarflow.engine import CpuEngine, use_threads
+from mottrack.flow.pillarflow.engine import CpuEngine, EngineInput, OlderPoints, use_threads
 from mottrack.flow.pillarflow.export import INPUTS, export_onnx
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.pillars import CellGrid
@@ -72,7 +72,7 @@ def onnx_task(
             str(file), options, providers=["CPUExecutionProvider"]
         )
     fed = {
-        name: np.ascontiguousarray(one.numpy()) for name, one in zip(INPUTS, images, strict=True)
+        name: np.ascontiguousarray(one.numpy()) for name, one in zip(INPUTS, images, strict=False)
     }
     wanted = {one.name for one in session.get_inputs()}
     return lambda: session.run(None, {k: v for k, v in fed.items() if k in wanted})
@@ -84,11 +84,14 @@ def measure(name: str, threads: int, points: int, runs: int) -> dict[str, object
     weights = Weights(PillarFlowNet(preset(name)).eval(), Calibration(), True)
     engine, cells = CpuEngine(weights), weights.network.cells(BevGrid())
     sweeps = [sweep(points, seed) for seed in (0, 1)]
-    images = [
-        torch.from_numpy(engine.image(one, cells))[None].permute(0, 3, 1, 2) for one in sweeps
+    older = [
+        OlderPoints(sweep(points, 2 + seed), 0.1 / age_s)
+        for seed, age_s in enumerate(weights.network.config.older_ages_s)
     ]
-    images.append(torch.zeros(1, 4, cells.rows, cells.columns))
-    pillars = best_of(lambda: engine.images(sweeps[0], sweeps[1], cells), runs)
+    shares = np.zeros((8, cells.rows, cells.columns), np.float32)
+    given = EngineInput(sweeps[0], sweeps[1], shares, tuple(older))
+    images = engine.tensors(given, cells)
+    pillars = best_of(lambda: engine.tensors(given, cells), runs)
     network = best_of(lambda: engine.flow_of(*images), runs)
     peer = best_of(onnx_task(weights, cells, threads, images), runs)
     return {

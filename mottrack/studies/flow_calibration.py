@@ -14,6 +14,8 @@ from mottrack.flow.pillarflow.training.validation import Scores, cell_errors
 from mottrack.flow.pillarflow.weights_file import load_weights, save_weights
 from mottrack.studies.training_examples import world_pair
 
+SPREAD_S = 0.05
+"""The ages of older sweeps of real drives differ from the wanted ones by half a period at 10 Hz."""
 SEED = 930_001
 """Seed of the pairs: no training and no table uses it."""
 
@@ -44,9 +46,11 @@ def calibrate_weights(
     """
     weights = load_weights(file)
     builder = ExampleBuilder(remove_ground=weights.ground_removed)
+    ages_s = weights.network.config.older_ages_s
+    world = {"older_ages_s": ages_s, "older_spread_s": SPREAD_S} if ages_s else {}
     examples = []
     for index in range(pairs):
-        examples.append(builder.build(world_pair(SEED, index, {})))
+        examples.append(builder.build(world_pair(SEED, index, world)))
         on_pair(index + 1, pairs)
     network = channels_last(weights.network)
     fitted = fit_calibration(cell_errors(network, examples[::2], CropConfig()).residuals)

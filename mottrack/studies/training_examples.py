@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from mottrack.core.arrays import F32, I16, I64
 from mottrack.core.errors import ConfigError
+from mottrack.core.frame import Frame
 from mottrack.core.interfaces import Scene
 from mottrack.core.objects import Truth
 from mottrack.core.sweep import seconds_between
@@ -20,6 +21,7 @@ from mottrack.experiment.plugins import load_part
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.flow.pillarflow.training.config import ExamplesConfig
 from mottrack.flow.pillarflow.training.examples import (
+    BoxedSweep,
     ExampleBuilder,
     LabelledPair,
     Labels,
@@ -28,6 +30,7 @@ from mottrack.flow.pillarflow.training.examples import (
 from mottrack.flow.pillarflow.training.shards import write_shard
 from mottrack.runs.tasks import OnStep, Outcome, Task
 from mottrack.world import TrainingConfig, TrainingPair, training_pair
+from mottrack.world.states import States
 
 HELD_OUT_EVERY = 5
 """Every fifth recorded scene is held out: the usual 80 to 20 split."""
@@ -104,7 +107,8 @@ def world_pair(seed: int, index: int, settings: dict[str, Any]) -> LabelledPair:
         ConfigError: as `world_config`.
     """
     pair = training_pair(seed, index, world_config(settings))
-    return LabelledPair(pair.previous, pair.current, _world_labels(pair))
+    older = tuple(scan.sweep for scan in pair.past[1:])
+    return LabelledPair(pair.previous, pair.current, _world_labels(pair), older)
 
 
 def world_config(settings: dict[str, Any]) -> TrainingConfig:
@@ -122,19 +126,39 @@ def world_config(settings: dict[str, Any]) -> TrainingConfig:
 
 
 def _world_labels(pair: TrainingPair) -> Labels:
-    """Return the labels: objects are numbered from 0, their centres are means of their points."""
-    then, now = pair.previous_truth, pair.current_truth
+    """Return the labels: objects are numbered from 0, their centres are means of their points.
+
+    The centre in another sweep is where that place on the rigid object was then.
+    """
+    now = pair.current_truth
     ids = np.unique(now.object_id[now.object_id >= 0])
-    elapsed_s = seconds_between(pair.previous.stamp_ns, pair.current.stamp_ns)
+    objects = [_rows_of(scan.truth.object_id, ids) for scan in pair.past]
     current_object = _rows_of(now.object_id, ids)
     centre_m = _means(pair.current.xyz_m[:, :2], current_object, len(ids))
-    motion_m = _means(now.velocity_mps, current_object, len(ids)) * np.float32(elapsed_s)
+    then_m = [_carried(pair, scan.states, ids, centre_m) for scan in pair.past]
     return Labels(
-        previous_object=_rows_of(then.object_id, ids),
+        previous_object=objects[0],
         current_object=current_object,
         velocity_mps=now.velocity_mps,
-        centre_m=np.stack((centre_m - motion_m, centre_m), axis=1).astype(np.float32),
+        centre_m=np.stack((then_m[0], centre_m, *then_m[1:]), axis=1).astype(np.float32),
+        older_object=tuple(objects[1:]),
     )
+
+
+def _carried(pair: TrainingPair, then: States, ids: I64, centre_m: F32) -> F32:
+    """Return (K, 2) where places (K, 2) on the objects were, in the current ego frame."""
+    now, pose = pair.current_states, pair.current.world_T_ego
+    flat = np.column_stack([centre_m, np.zeros(len(ids))])
+    arm_m = pose.apply(flat)[:, :2] - now.xy_m[ids]
+    turn_rad = then.yaw_rad[ids] - now.yaw_rad[ids]
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    turned_m = np.column_stack(
+        [c * arm_m[:, 0] - s * arm_m[:, 1], s * arm_m[:, 0] + c * arm_m[:, 1]]
+    )
+    height_m = pose.apply(flat)[:, 2:]
+    world_m = np.column_stack([then.xy_m[ids] + turned_m, height_m])
+    carried: F32 = pose.inverse().apply(world_m)[:, :2].astype(np.float32)
+    return carried
 
 
 def _rows_of(object_id: I64, ids: I64) -> I16:
@@ -173,7 +197,7 @@ def _recorded_pairs(job: ShardTask) -> Iterator[LabelledPair]:
     rows = [*order[job.first // config.per_shard :: job.shards], *order]
     for row in itertools.cycle(rows):
         name, index = frames[row]
-        pair = recorded_pair(dataset.scene(name), index, config.pair_s)
+        pair = recorded_pair(dataset.scene(name), index, (config.pair_s, *config.older_ages_s))
         if pair is not None:
             yield pair
             found += 1
@@ -188,25 +212,33 @@ def _later_frames(scene: Scene) -> range:
     return range(1, len(scene)) if scene.has_sweeps else range(0)
 
 
-def recorded_pair(scene: Scene, index: int, pair_s: float) -> LabelledPair | None:
-    """Pair a frame's sweep with the earlier one whose age is nearest to `pair_s`.
+def recorded_pair(scene: Scene, index: int, ages_s: Sequence[float]) -> LabelledPair | None:
+    """Pair a frame's sweep with the earlier ones whose ages are nearest to `ages_s`.
 
-    Returns None where the frame has no tracks. Where only the earlier one has none (nuScenes
-    between key frames), its boxes are those of the frame moved back by their velocities.
+    The first is that of the pair, the others are older. Returns None where the frame has no tracks,
+    or fewer sweeps lie before it. Where only an earlier one has none (nuScenes between key frames),
+    its boxes are those of the frame moved back by their velocities.
     """
     now = scene.frame(index)
     if now.truth is None:
         return None
-    ages = [
-        (abs(seconds_between(scene.frame(other).stamp_ns, now.stamp_ns) - pair_s), other)
-        for other in range(max(0, index - MAX_FRAMES_BACK), index)
-    ]
-    _, partner = min(ages)
-    then = scene.frame(partner)
-    before = _moved_back(now.truth, then.stamp_ns) if then.truth is None else then.truth
-    previous, current = scene.sweep(partner), scene.sweep(index)
-    labels = labels_from_tracks(previous, current, before, now.truth)
-    return LabelledPair(previous, current, labels)
+    stamps_ns = {i: scene.frame(i).stamp_ns for i in range(max(0, index - MAX_FRAMES_BACK), index)}
+    past, newest = list[BoxedSweep](), index
+    for age_s in ages_s:
+        left = [i for i in stamps_ns if i < newest]
+        if not left:
+            return None
+        away_s = {i: abs(seconds_between(stamps_ns[i], now.stamp_ns) - age_s) for i in left}
+        newest = min(left, key=lambda i: (away_s[i], i))
+        past.append(BoxedSweep(scene.sweep(newest), _truth_of(scene.frame(newest), now.truth)))
+    previous, *older = past
+    current = BoxedSweep(scene.sweep(index), now.truth)
+    labels = labels_from_tracks(previous, current, older)
+    return LabelledPair(previous.sweep, current.sweep, labels, tuple(one.sweep for one in older))
+
+
+def _truth_of(then: Frame, now: Truth) -> Truth:
+    return _moved_back(now, then.stamp_ns) if then.truth is None else then.truth
 
 
 def _moved_back(truth: Truth, stamp_ns: int) -> Truth:

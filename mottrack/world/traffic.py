@@ -22,6 +22,7 @@ _SHARES = {  # of the vehicles, by eye; trailers stand for tractors with semi-tr
 _SPACING_M = {"cycle": 70.0, "walk": 26.0, "cross": 12.0}
 """Mean distance of cyclists and pedestrians on routes of that kind at density 1; by eye."""
 _SLACK_M = 0.15  # Least gap between agents when a scene begins
+_TURN_RAD = 0.8  # 45 degrees: a route that bends by more turns at the intersection
 
 
 class Sway(NamedTuple):
@@ -72,6 +73,18 @@ class Traffic:
     routes: tuple[Route, ...]
 
 
+class Start(NamedTuple):
+    """How a scene begins."""
+
+    ego_m: float
+    """Distance of the ego vehicle from the origin."""
+    mid_turn: bool
+    """Whether vehicles may stand inside the intersection; from all sides at once, so it is for
+    short scenes, which end before they would have to clear it."""
+    ego: str = "any"
+    """How the ego vehicle drives: ``any``, ``turning`` (in the middle of a turn) or ``fast``."""
+
+
 @dataclass
 class _Draft:
     label: str
@@ -94,9 +107,7 @@ def populate(
     rng: np.random.Generator,
     network: RoadNetwork,
     density: DensityConfig,
-    ego_start_m: float,
-    *,
-    mid_turn: bool,
+    start: Start,
 ) -> Traffic:
     """Fill the lanes, the pavements and the crossings.
 
@@ -104,14 +115,12 @@ def populate(
         rng: source of the draws.
         network: the roads.
         density: how busy.
-        ego_start_m: distance of the ego vehicle from the origin.
-        mid_turn: whether vehicles may stand inside the intersection; from all sides at once, so
-            it is for short scenes, which end before they would have to clear it.
+        start: where the ego vehicle is and what is going on.
     """
-    drafts = [_ego(rng, network, ego_start_m)]
+    drafts = [_EGOS[start.ego](rng, network, start.ego_m)]
     for lane in sorted({r.lane for r in network.routes if r.kind == "drive"}):
-        drafts += _fill_lane(rng, network, lane, density.vehicles, mid_turn=mid_turn)
-    if mid_turn:
+        drafts += _fill_lane(rng, network, lane, density.vehicles, mid_turn=start.mid_turn)
+    if start.mid_turn:
         drafts += _turners(rng, network)
     for number, route in enumerate(network.routes):
         if route.kind != "drive":
@@ -172,6 +181,35 @@ def _ego(rng: np.random.Generator, network: RoadNetwork, ego_start_m: float) -> 
     return _Draft("car", size, path, float(s), speed, 0.95, 0.0, Sway(0.1, 60.0, 0.0))
 
 
+def _turning_ego(rng: np.random.Generator, network: RoadNetwork, ego_start_m: float) -> _Draft:
+    """Draw an ego vehicle in the middle of a turn; any, where no route of the network turns."""
+    draft = _ego(rng, network, ego_start_m)
+    bends = [
+        i
+        for i, r in enumerate(network.routes)
+        if r.kind == "drive"
+        and np.isfinite(r.stop_m)
+        and np.ptp(r.curve.heading_rad) > _TURN_RAD
+        and r.lane.road == r.lane.direction == 0
+    ]
+    if not bends:
+        return draft
+    draft.path = int(rng.choice(bends))
+    draft.s_m = network.routes[draft.path].stop_m + float(rng.uniform(0.0, 18.0))
+    draft.speed_mps = float(rng.uniform(2.0, 8.0))
+    return draft
+
+
+def _fast_ego(rng: np.random.Generator, network: RoadNetwork, ego_start_m: float) -> _Draft:
+    """Draw an ego vehicle near the limit of its road."""
+    draft = _ego(rng, network, ego_start_m)
+    draft.speed_mps = network.routes[draft.path].speed_limit_mps * float(rng.uniform(0.8, 1.1))
+    return draft
+
+
+_EGOS = {"any": _ego, "turning": _turning_ego, "fast": _fast_ego}
+
+
 class _Flow(NamedTuple):
     """How a lane moves."""
 
@@ -223,7 +261,7 @@ def _turners(rng: np.random.Generator, network: RoadNetwork) -> list[_Draft]:
     """Draw vehicles that are in the middle of a turn when the scene begins."""
     drafts: list[_Draft] = []
     for number, route in enumerate(network.routes):
-        bends = route.kind == "drive" and np.ptp(route.curve.heading_rad) > 0.8  # 45 degrees
+        bends = route.kind == "drive" and np.ptp(route.curve.heading_rad) > _TURN_RAD
         if bends and np.isfinite(route.stop_m) and rng.random() < 0.4:
             s = route.stop_m + float(rng.uniform(-2.0, 22.0))
             draft = _vehicle(rng, network, [number], s, _Flow(0.0, 7.0, 0.0))

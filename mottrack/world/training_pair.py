@@ -1,21 +1,23 @@
-"""Pairs of consecutive sweeps for training: each from a world, a sensor and a drive of its own."""
+"""Sweeps for training, two or more of a drive: each from a world and a sensor of its own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
 from mottrack.core.sweep import Sweep
 from mottrack.world.config import DensityConfig
 from mottrack.world.ego import PoseError
-from mottrack.world.sensor import random_sensor
+from mottrack.world.sensor import SensorModel, random_sensor
+from mottrack.world.states import States
 from mottrack.world.sweep_maker import PointTruth, Rig, scan
 from mottrack.world.world import World, WorldPlan, build_world
 
-_WORLD, _RIG, _FIRST, _SECOND = range(4)
+_WORLD, _RIG, _FIRST, _SECOND, _DRIVE, _OLDER = range(6)
 _SPAWN_KEY = 1_000_003
 """Keeps the draws of training pairs apart from those of scenes, whose keys are below it."""
 _WARM_UP_S = 0.3  # Three steps of the traffic: a pair needs no settled queues
@@ -29,24 +31,70 @@ class TrainingConfig(StrictModel):
     intervals_s: tuple[float, ...] = Field(
         (0.1,), min_length=1, description="times between the two sweeps to choose from"
     )
+    older_ages_s: tuple[float, ...] = Field(
+        (), description="ages of further sweeps of the past, from the youngest on"
+    )
+    older_spread_s: float = Field(
+        0.1, ge=0.0, description="these ages differ by up to this from example to example"
+    )
     rolling_share: float = Field(0.8, ge=0.0, le=1.0, description="pairs with a rolling scan")
     worst_jitter_m: float = Field(0.025, ge=0.0, le=1.0, description="largest pose error")
     worst_jitter_deg: float = Field(0.1, ge=0.0, le=5.0, description="largest heading error")
     worst_tilt_deg: float = Field(1.5, ge=0.0, le=10.0, description="largest tilt of a sensor")
+    turning_share: float = Field(
+        0.0, ge=0.0, le=1.0, description="pairs whose ego vehicle turns at an intersection"
+    )
+    motorway_share: float = Field(
+        0.0, ge=0.0, le=1.0, description="pairs whose ego vehicle drives fast on a motorway"
+    )
+    lost_rings_share: float = Field(
+        0.0, ge=0.0, le=1.0, description="pairs of a sensor that has lost up to half of its rings"
+    )
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        youngest = max(self.intervals_s) + self.older_spread_s
+        if self.older_ages_s and min(self.older_ages_s) <= youngest:
+            raise ValueError(
+                f"older_ages_s above {youngest:g}, the longest of intervals_s and older_spread_s"
+            )
+        if list(self.older_ages_s) != sorted(self.older_ages_s):
+            raise ValueError("older_ages_s from the youngest on")
+        if self.turning_share + self.motorway_share > 1:
+            raise ValueError("turning_share and motorway_share together at most 1")
+        return self
+
+
+@dataclass(frozen=True)
+class PastScan:
+    """An earlier sweep, in its own ego frame, with what its points belong to."""
+
+    sweep: Sweep
+    truth: PointTruth
+    """Velocities are at the sweep's stamp in its ego axes; identities agree between sweeps."""
+    states: States
+    """All agents at the stamp, world frame."""
 
 
 @dataclass(frozen=True)
 class TrainingPair:
-    """Two consecutive sweeps, each in its own ego frame, with what their points belong to.
+    """A current sweep and earlier ones of the same drive, each in its own ego frame."""
 
-    The velocities of each truth are at that sweep's stamp in that sweep's ego axes; identities
-    agree between the two.
-    """
-
-    previous: Sweep
     current: Sweep
     current_truth: PointTruth
-    previous_truth: PointTruth
+    current_states: States
+    past: tuple[PastScan, ...]
+    """From the youngest, the other sweep of the pair, to the oldest."""
+
+    @property
+    def previous(self) -> Sweep:
+        """The earlier sweep of the pair."""
+        return self.past[0].sweep
+
+    @property
+    def previous_truth(self) -> PointTruth:
+        """What its points belong to."""
+        return self.past[0].truth
 
 
 def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -> TrainingPair:
@@ -60,11 +108,57 @@ def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -
     config = config or TrainingConfig()
     rng = np.random.default_rng(_source(seed, index, _WORLD))
     interval = float(rng.choice(config.intervals_s))
-    world = _world(rng, interval)
+    drive = _drive(np.random.default_rng(_source(seed, index, _DRIVE)), config)
+    ages = [interval, *drive.ages_s]
+    world = _world(rng, ages[-1], drive)
     rig = _rig(np.random.default_rng(_source(seed, index, _RIG)), config, interval)
-    first = scan(world, rig, 0.0, _source(seed, index, _FIRST))
-    second = scan(world, rig, interval, _source(seed, index, _SECOND))
-    return TrainingPair(first.sweep, second.sweep, second.truth, first.truth)
+    rig = replace(rig, sensor=_with_rings(rig.sensor, drive.kept_rings))
+    purposes = [_FIRST, *(_OLDER + k for k in range(len(drive.ages_s)))]
+    past = [
+        scan(world, rig, ages[-1] - age, _source(seed, index, purpose))
+        for age, purpose in zip(ages, purposes, strict=True)
+    ]
+    now = scan(world, rig, ages[-1], _source(seed, index, _SECOND))
+    return TrainingPair(
+        now.sweep,
+        now.truth,
+        now.states,
+        tuple(PastScan(then.sweep, then.truth, then.states) for then in past),
+    )
+
+
+class _Drive(NamedTuple):
+    """What is drawn beside the world and the sensor."""
+
+    ages_s: list[float]
+    """Of the older sweeps."""
+    place: str
+    ego: str
+    kept_rings: float
+    """Share of the sensor's rings."""
+
+
+def _drive(rng: np.random.Generator, config: TrainingConfig) -> _Drive:
+    spread_s = rng.uniform(-1.0, 1.0) * config.older_spread_s
+    ages_s = [round(age_s + spread_s, 2) for age_s in config.older_ages_s]
+    kept = float(rng.uniform(0.5, 1.0)) if rng.random() < config.lost_rings_share else 1.0
+    kind = rng.random()
+    if kind < config.turning_share:
+        place = str(rng.choice(["urban", "residential"], p=[0.6, 0.4]))  # as in all scenes
+        return _Drive(ages_s, place, "turning", kept)
+    if kind < config.turning_share + config.motorway_share:
+        return _Drive(ages_s, "motorway", "fast", kept)
+    return _Drive(ages_s, "random", "any", kept)
+
+
+def _with_rings(sensor: SensorModel, share: float) -> SensorModel:
+    """Return the sensor with a share of its rings, spread evenly."""
+    rings = len(sensor.elevation_rad)
+    kept = np.unique(np.linspace(0, rings - 1, max(round(share * rings), 16)).astype(np.int64))
+    if len(kept) >= rings:
+        return sensor
+    elevation, offset = sensor.elevation_rad[kept], sensor.offset_rad[kept]
+    return replace(sensor, elevation_rad=elevation, offset_rad=offset)
 
 
 def _source(seed: int, index: int, purpose: int) -> np.random.SeedSequence:
@@ -72,14 +166,16 @@ def _source(seed: int, index: int, purpose: int) -> np.random.SeedSequence:
 
 
 # the ranges below are chosen by eye, around what scenes have by default
-def _world(rng: np.random.Generator, interval_s: float) -> World:
+def _world(rng: np.random.Generator, duration_s: float, drive: _Drive) -> World:
     density = DensityConfig(
         vehicles=float(rng.uniform(0.5, 1.6)),
         pedestrians=float(rng.uniform(0.4, 2.0)),
         parked=float(rng.uniform(0.6, 1.1)),
         unknown=2.0,
     )
-    plan = WorldPlan("random", density, interval_s, _WARM_UP_S, _SIGHT_M, mid_turn=True)
+    plan = WorldPlan(
+        drive.place, density, duration_s, _WARM_UP_S, _SIGHT_M, mid_turn=True, ego=drive.ego
+    )
     return build_world(rng, plan)
 
 

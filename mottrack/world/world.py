@@ -19,7 +19,7 @@ from mottrack.world.solids import Solids, SolidsBuilder, concatenate, select
 from mottrack.world.states import States, join, place_bodies, resting, traffic_states
 from mottrack.world.street import line_road
 from mottrack.world.terrain import Terrain, heights_at
-from mottrack.world.traffic import Traffic, populate
+from mottrack.world.traffic import Start, Traffic, populate
 from mottrack.world.unknown import UnknownObjects, draw_unknown_objects
 
 _PLACES = ("urban", "residential", "motorway")
@@ -43,6 +43,8 @@ class WorldPlan:
     """How far from the ego vehicle the world is filled."""
     mid_turn: bool = False
     """Whether vehicles may be in the middle of a turn when the scene begins."""
+    ego: str = "any"
+    """How the ego vehicle drives when the scene begins, see `traffic.Start`."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,8 @@ def build_world(rng: np.random.Generator, plan: WorldPlan) -> World:
     network = build_network(rng, place, plan.sight_m + 0.7 * drive_m + 30.0)
     # before the origin by most of the drive, so that an intersection is passed in most scenes
     ego_start = float(rng.uniform(0.15, 0.7)) * drive_m + float(rng.uniform(-20.0, 35.0))
-    traffic = populate(rng, network, plan.density, ego_start, mid_turn=plan.mid_turn)
+    start = Start(ego_start, plan.mid_turn, plan.ego)
+    traffic = populate(rng, network, plan.density, start)
     signals = random_signals(rng, 2 * len(network.roads))
     motion = simulate(traffic, signals, -plan.warm_up_s, plan.duration_s + 0.2)
     terrain = build_ground(rng, network, _extent(traffic, motion, plan.sight_m))

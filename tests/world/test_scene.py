@@ -7,11 +7,13 @@ import sys
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.interfaces import Dataset, Scene
+from mottrack.core.sweep import seconds_between
 from mottrack.datasets.synthetic import SyntheticConfig, SyntheticDataset
-from mottrack.world import training_pair
+from mottrack.world import TrainingConfig, training_pair
 from mottrack.world.catalogue import TRACKED, UNKNOWN
 from mottrack.world.ego import pose_of
 
@@ -194,6 +196,37 @@ def test_training_pairs_are_deterministic_and_varied():
     elapsed = first.current.stamp_ns - first.previous.stamp_ns
     assert elapsed == 100_000_000
     assert first.current.ring.max() >= 25
+
+
+def test_training_pairs_with_older_sweeps_of_turning_and_fast_drives_of_worn_sensors():
+    """Every object lies in each older sweep where its track says; the rings are fewer."""
+    older = {"older_ages_s": (0.3, 0.5), "older_spread_s": 0.0}
+    whole = training_pair(3, 5, TrainingConfig(**older))
+    ages = [seconds_between(s.sweep.stamp_ns, whole.current.stamp_ns) for s in whole.past]
+    assert ages == pytest.approx([0.1, 0.3, 0.5])
+    worn = training_pair(3, 5, TrainingConfig(**older, lost_rings_share=1.0))
+    assert worn.current.ring.max() < whole.current.ring.max()
+
+    def ego_motion(**kind):
+        pair = training_pair(3, 5, TrainingConfig(**older, **kind))
+        now_T_then = pair.current.world_T_ego.inverse() @ pair.past[2].sweep.world_T_ego
+        return np.linalg.norm(now_T_then.translation_m) / 0.5, abs(now_T_then.yaw_rad) / 0.5
+
+    assert ego_motion(turning_share=1.0)[1] > 0.1  # 6 degrees a second
+    assert ego_motion(motorway_share=1.0)[0] > 15.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"older_ages_s": (0.2, 0.5)},
+        {"older_ages_s": (0.5, 0.3)},
+        {"turning_share": 0.6, "motorway_share": 0.6},
+    ],
+)
+def test_unusable_settings_of_training_pairs_are_named(wrong):
+    with pytest.raises(ValidationError, match=r"older_ages_s|turning_share"):
+        TrainingConfig(**wrong)
 
 
 @pytest.mark.parametrize(

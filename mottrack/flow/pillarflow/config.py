@@ -11,8 +11,11 @@ from mottrack.config import StrictModel
 MOST_CHANNELS, MOST_LAYERS = 1024, 16
 """Ten times the largest network that is shipped or was tried: a file that asks for more is damaged
 or hostile."""
+MOST_OLDER = 4
+"""Each older sweep costs a fifth of the time of the network; more than two were not tried."""
 Width = Annotated[int, Field(ge=1, le=MOST_CHANNELS)]
 Layers = Annotated[int, Field(ge=1, le=MOST_LAYERS)]
+Ages = Annotated[tuple[Annotated[float, Field(gt=0, le=1)], ...], Field(max_length=MOST_OLDER)]
 Widths = Annotated[tuple[Width, ...], Field(max_length=MOST_LAYERS)]
 
 
@@ -61,6 +64,18 @@ class NetworkConfig(StrictModel):
         description="negative slope of the context network's LeakyReLU; 0: ReLU, as in III-B",
     )
     visibility: bool = Field(True, description="visibility of both sweeps as channels")
+    sight: bool = Field(
+        False,
+        description="share of a cell's points that the other sweep could not see, and saw through",
+    )
+    older_ages_s: Ages = Field(
+        (),
+        description="ages of older sweeps that refine the finest displacement: the first is matched"
+        " along the extrapolated motion, the others around rest",
+    )
+    older_displacement: int = Field(
+        2, ge=1, le=MOST_LAYERS, description="search radius of their cost volumes [cells]"
+    )
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -91,6 +106,21 @@ class NetworkConfig(StrictModel):
     def output_stride(self) -> int:
         """Stride of the flow that leaves the network, in pillars."""
         return self.strides[self.finest_level]
+
+    @property
+    def image_shares(self) -> int:
+        """Number of channels beside the pseudo-image of a sweep."""
+        return 2 * self.visibility + 2 * self.sight
+
+    @property
+    def told_shares(self) -> int:
+        """Number of these channels that estimators get: 2-D of the previous sweep, 3-D of both."""
+        return 2 * self.visibility + 4 * self.sight
+
+    @property
+    def older(self) -> int:
+        """Number of older sweeps."""
+        return len(self.older_ages_s)
 
     @property
     def image_channels(self) -> int:

@@ -7,7 +7,7 @@ other file names one.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import nn
@@ -30,6 +30,25 @@ from mottrack.flow.pillarflow.layers import (
 )
 
 
+class OlderSweeps(NamedTuple):
+    """Older sweeps of a batch of pairs."""
+
+    images: list[torch.Tensor]
+    """(B,C,H,W) pseudo-image of each, from the youngest to the oldest."""
+    ratio: torch.Tensor
+    """(B,S) time between the sweeps of the pair / age of each; 0: that pair has none."""
+
+    def present(self, index: int) -> torch.Tensor:
+        """Return (B,1,1,1) 1 where the pair has this one, else 0."""
+        return (self.ratio[:, index] > 0).to(self.ratio.dtype)[:, None, None, None]
+
+    def extrapolated(self, motion: torch.Tensor, index: int) -> torch.Tensor:
+        """Return a displacement (B,2,h,w) of the pair continued back to this sweep, in metres."""
+        # an absent sweep has the ratio 0: its motion is not continued, and its maps are masked
+        ratio = self.ratio[:, index].where(self.ratio[:, index] > 0, 1.0)
+        return motion / ratio[:, None, None, None]
+
+
 class Decoder(nn.Module):
     """Two pseudo-images -> displacements and features; the interface of every network here.
 
@@ -42,14 +61,20 @@ class Decoder(nn.Module):
     """Number of channels of the features that leave the network."""
 
     def forward(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor | None
+        self,
+        current: torch.Tensor,
+        previous: torch.Tensor,
+        shares: torch.Tensor | None,
+        older: OlderSweeps | None,
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
         """Return the displacements, coarse to fine, and the features of the finest level.
 
         Args:
             current: (B,C,H,W) pseudo-image of the current sweep.
             previous: (B,C,H,W) the same of the previous sweep.
-            visibility: (B,2,H,W) unseen and seen-free share of the previous sweep's cells, or None.
+            shares: (B,told_shares,H,W) unseen and seen-free share of the previous sweep's cells and
+                what either sweep saw of the other's points, as far as used, or None.
+            older: the older sweeps; None where there are none.
 
         Returns:
             Displacements (B,2,h,w) in metres of the current cells since the previous sweep, and
@@ -69,9 +94,12 @@ class PwcLevel(nn.Module):
         self.radius, self.zero_radius = config.displacement, config.rest_displacement
         matched = config.match_channels
         self.project = nn.Conv2d(features, matched, 1) if matched else nn.Identity()
-        inputs = (2 * self.radius + 1) ** 2 + features + (2 if config.visibility else 0)
+        inputs = (2 * self.radius + 1) ** 2 + features + config.told_shares
         if level < config.levels - 1:
             inputs += (2 * self.zero_radius + 1) ** 2 + 2 + config.upfeat_channels
+        self.older = config.older if level == config.finest_level < config.levels - 1 else 0
+        self.older_radius = config.older_displacement
+        inputs += self.older * ((2 * self.older_radius + 1) ** 2 + 1)
         self.estimator = Estimator(config, inputs=inputs)
 
     def costs(
@@ -89,12 +117,43 @@ class PwcLevel(nn.Module):
             ]
         return [functional.leaky_relu(volume, LEAK) for volume in volumes]
 
+    def older_costs(
+        self, current: torch.Tensor, older: OlderSweeps | None, motion: torch.Tensor
+    ) -> list[torch.Tensor]:
+        """Return the cost volume of each older sweep and its ratio, zero where it is absent.
+
+        The first is warped along the displacement continued to its age: an error of the velocity
+        is several times as large there. The others are compared around zero motion, where what
+        moves slowly has moved by a cell.
+
+        Args:
+            current: (B,C,h,w) feature map of the current sweep.
+            older: their feature maps in place of images; None where there are none.
+            motion: (B,2,h,w) displacement so far.
+        """
+        volume = (2 * self.older_radius + 1) ** 2
+        if older is None:
+            batch, _, *size = current.shape
+            return [current.new_zeros(batch, self.older * (volume + 1), *size)]
+        current, costs = self.project(current).float(), []
+        for index, image in enumerate(older.images):
+            then = self.project(image).float()
+            if index == 0:
+                way_m = older.extrapolated(motion.float(), index)
+                then = warp(then, way_m * self.cells_per_m)
+            found = cost_volume(current, then, self.older_radius)
+            costs.append(functional.leaky_relu(found, LEAK) * older.present(index))
+            ratio = older.ratio[:, index, None, None, None].expand_as(found[:, :1])
+            costs.append(ratio)
+        return costs
+
     def forward(
         self,
         current: torch.Tensor,
         previous: torch.Tensor,
         upsampled: list[torch.Tensor],
-        visibility: list[torch.Tensor],
+        shares: list[torch.Tensor],
+        older: OlderSweeps | None,
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return (features, displacement).
 
@@ -102,11 +161,14 @@ class PwcLevel(nn.Module):
             current: (B,C,h,w) feature map of the current sweep.
             previous: (B,C,h,w) the same of the previous sweep.
             upsampled: [displacement, features] of the next coarser level; empty at the coarsest.
-            visibility: [(B,2,h,w)] of the previous sweep, or empty.
+            shares: [(B,told_shares,h,w)], or empty.
+            older: feature maps of the older sweeps at this level; used at the finest alone.
         """
         start = upsampled[0] if upsampled else None
-        costs = self.costs(current, previous, start)
-        features, residual = self.estimator(concatenate([*costs, current, *upsampled, *visibility]))
+        maps = [*self.costs(current, previous, start), current, *upsampled, *shares]
+        if self.older and start is not None:
+            maps += self.older_costs(current, older, start)
+        features, residual = self.estimator(concatenate(maps))
         return features, residual if start is None else start + residual
 
 
@@ -126,25 +188,41 @@ class PwcDecoder(Decoder):
         self.outputs = self.context.outputs
 
     def forward(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor | None
+        self,
+        current: torch.Tensor,
+        previous: torch.Tensor,
+        shares: torch.Tensor | None,
+        older: OlderSweeps | None,
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
         """Estimate the displacement level by level and refine the finest one by its context."""
         batch = current.shape[0]
-        maps = self.pyramid(torch.cat((current, previous)))[self.finest :][::-1]
+        maps, history = self._maps(torch.cat((current, previous)), older)
         motions: list[torch.Tensor] = []
         upsampled: list[torch.Tensor] = []
         for index, (level, both) in enumerate(zip(self.levels, maps, strict=True)):
-            seen = (
-                []
-                if visibility is None
-                else [functional.avg_pool2d(visibility, self.strides[index])]
-            )
-            features, motion = level(both[:batch], both[batch:], upsampled, seen)
+            seen = [] if shares is None else [functional.avg_pool2d(shares, self.strides[index])]
+            features, motion = level(both[:batch], both[batch:], upsampled, seen, history)
             motions.append(motion)
             if index < len(self.upsamplers):
                 upsampled = self.upsamplers[index](motion, features)
         motions[-1], features = self.context(features, motions[-1])
         return motions, features
+
+    def _maps(
+        self, both: torch.Tensor, older: OlderSweeps | None
+    ) -> tuple[list[torch.Tensor], OlderSweeps | None]:
+        """Return the pyramid of both sweeps, coarse to fine, and the finest maps of older ones.
+
+        All pass the finest levels together, so that a batch normalisation sees one distribution.
+        """
+        if older is None:
+            return self.pyramid(both)[self.finest :][::-1], None
+        fine = self.pyramid(torch.cat((both, *older.images)), levels=self.finest + 1)
+        pair = len(both)
+        history = list(fine[-1][pair:].chunk(len(older.images)))
+        coarse = self.pyramid(fine[-1][:pair], first=self.finest + 1)
+        maps = [fine[-1][:pair], *coarse]
+        return maps[::-1], older._replace(images=history)
 
 
 class SpyNetDecoder(Decoder):
@@ -162,7 +240,8 @@ class SpyNetDecoder(Decoder):
     def __init__(self, config: NetworkConfig, *, inputs: int) -> None:
         super().__init__()
         self.cell_m, self.strides = config.cell_m, config.strides[::-1]
-        inputs = 2 * inputs + 2 + (2 if config.visibility else 0)
+        inputs = (2 + config.older) * inputs + 2 + config.told_shares
+        self.older = config.older
         self.outputs = self.widths[-1]
         self.stacks = nn.ModuleList(
             nn.Sequential(
@@ -175,7 +254,11 @@ class SpyNetDecoder(Decoder):
         )
 
     def forward(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor | None
+        self,
+        current: torch.Tensor,
+        previous: torch.Tensor,
+        shares: torch.Tensor | None,
+        older: OlderSweeps | None,
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
         """Add a residual displacement at each level of the image pyramid."""
         motions: list[torch.Tensor] = []
@@ -184,11 +267,27 @@ class SpyNetDecoder(Decoder):
             size = one.shape[-2:]
             motion = resize(motions[-1], size) if motions else one.new_zeros(one.shape[0], 2, *size)
             maps = [one, warp(two, motion / (self.cell_m * stride)), motion]
-            if visibility is not None:
-                maps.append(functional.avg_pool2d(visibility, stride))
+            if shares is not None:
+                maps.append(functional.avg_pool2d(shares, stride))
+            maps += self._older_maps(one, older, motion, stride)
             features = stack(torch.cat(maps, dim=1))
             motions.append(motion + head(features))
         return motions, features
+
+    def _older_maps(
+        self, one: torch.Tensor, older: OlderSweeps | None, motion: torch.Tensor, stride: int
+    ) -> list[torch.Tensor]:
+        """Return the image of each older sweep, warped along the continued displacement."""
+        if older is None:
+            return [torch.zeros_like(one)] * self.older
+        return [
+            warp(
+                functional.avg_pool2d(image.float(), stride),
+                older.extrapolated(motion, index) / (self.cell_m * stride),
+            )
+            * older.present(index)
+            for index, image in enumerate(older.images)
+        ]
 
 
 class Refinement(nn.Module):
@@ -246,37 +345,58 @@ class FlowNetDecoder(Decoder):
         self.joint = conv_block(coarse + (2 * self.radius + 1) ** 2, 64)
         self.deep = conv_block(64, 80, stride=2)
         self.first = Refinement(80, 64, middle, fine)
-        extra = 2 if config.visibility else 0
-        self.second_fine = conv_block(2 * fine + 3 + extra, 24)
+        self.older = config.older
+        self.second_fine = conv_block(2 * fine + 3 + config.told_shares + config.older, 24)
         self.second_middle = conv_block(24, 40, stride=2)
         self.second_coarse = conv_block(40, 56, stride=2)
         self.second = Refinement(56, 40, 24)
         self.outputs = Refinement.width
 
     def forward(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor | None
+        self,
+        current: torch.Tensor,
+        previous: torch.Tensor,
+        shares: torch.Tensor | None,
+        older: OlderSweeps | None,
     ) -> tuple[list[torch.Tensor], torch.Tensor]:
         """Estimate with the correlation network, then add the second network's residual."""
         batch = current.shape[0]
-        fine = self.fine(torch.cat((current, previous)))
+        images = [] if older is None else older.images
+        every = self.fine(torch.cat((current, previous, *images)))
+        fine, history = every[: 2 * batch], None
+        if older is not None:
+            history = older._replace(images=list(every[2 * batch :].chunk(len(images))))
         middle = self.middle(fine)
         coarse = self.coarse(middle)
         costs = cost_volume(coarse[:batch].float(), coarse[batch:].float(), self.radius)
         joint = self.joint(torch.cat((coarse[:batch], functional.leaky_relu(costs, LEAK)), 1))
         first, _ = self.first([self.deep(joint), joint, middle[:batch], fine[:batch]])
-        second, features = self.second(self._second_maps(fine, first[-1], visibility))
+        second, features = self.second(self._second_maps(fine, first[-1], shares, history))
         return [*first, *(m + f for m, f in zip(second, first[1:], strict=True))], features
 
     def _second_maps(
-        self, fine: torch.Tensor, motion: torch.Tensor, visibility: torch.Tensor | None
+        self,
+        fine: torch.Tensor,
+        motion: torch.Tensor,
+        shares: torch.Tensor | None,
+        older: OlderSweeps | None,
     ) -> list[torch.Tensor]:
         """Return the maps of the second network, coarsest first."""
         batch = fine.shape[0] // 2
+        current = fine[:batch]
         warped = warp(fine[batch:].float(), motion.float() / self.cell_m)
-        error = (fine[:batch] - warped).abs().mean(1, keepdim=True)
-        maps = [fine[:batch], warped, motion, error]
-        if visibility is not None:
-            maps.append(visibility)
+        error = (current - warped).abs().mean(1, keepdim=True)
+        maps = [current, warped, motion, error]
+        if shares is not None:
+            maps.append(shares)
+        if older is None:
+            maps += [torch.zeros_like(error)] * self.older
+        else:
+            for index, image in enumerate(older.images):
+                way_m = older.extrapolated(motion.float(), index)
+                warped = warp(image.float(), way_m / self.cell_m)
+                error = (current - warped).abs().mean(1, keepdim=True)
+                maps.append(error * older.present(index))
         one = self.second_fine(torch.cat(maps, dim=1))
         two = self.second_middle(one)
         return [self.second_coarse(two), two, one]
@@ -296,6 +416,7 @@ PRESETS: dict[str, NetworkConfig] = {
         estimator_channels=(32, 24, 24),
     ),
     "base": NetworkConfig(),
+    "base_history": NetworkConfig(sight=True, older_ages_s=(0.3, 0.5)),
     "paper": NetworkConfig(
         cell_m=0.25,
         pillar_channels=64,
@@ -316,8 +437,8 @@ PRESETS: dict[str, NetworkConfig] = {
     "spynet": NetworkConfig(backbone="spynet", pyramid_channels=(24, 24, 24)),
     "flownet": NetworkConfig(backbone="flownet"),
 }
-"""Named networks: three sizes of PillarFlow (`paper` as published), the binary baseline of IV-C and
-two older backbones."""
+"""Named networks: three sizes of PillarFlow (`paper` as published), `base` with older sweeps and
+three-dimensional visibility, the binary baseline of IV-C and two older backbones."""
 
 
 def preset(name: str) -> NetworkConfig:

@@ -11,7 +11,7 @@ import copy
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numba
 import numpy as np
@@ -40,18 +40,34 @@ class CellMotion:
     """Edge of one of these cells in pillars."""
 
 
+@dataclass(frozen=True)
+class EngineInput:
+    """The sweeps of a pair and what is known of their cells."""
+
+    current: F32
+    """(M,4) points of `pillars.network_points`, in the current ego frame."""
+    previous: F32
+    """(N,4) the same of the previous sweep."""
+    shares: F32
+    """(8,rows,columns) as in `network.NetworkInput`."""
+    older: tuple[OlderPoints, ...] = ()
+    """One for each of the network's older sweeps; empty: there are none."""
+
+
+class OlderPoints(NamedTuple):
+    """An older sweep."""
+
+    points: F32
+    """(P,4) as `EngineInput.previous`."""
+    ratio: float
+    """Time between the sweeps of the pair / age of this one; 0: there is none."""
+
+
 class Engine(Protocol):
     """Runs one network on one device."""
 
-    def run(self, previous: F32, current: F32, visibility: F32, cells: CellGrid) -> CellMotion:
-        """Estimate the displacement of each cell.
-
-        Args:
-            previous: (N,4) points of `pillars.network_points`, in the current ego frame.
-            current: (M,4) the same of the current sweep.
-            visibility: (4,rows,columns) of `pillars.visibility_shares`.
-            cells: the network's cells.
-        """
+    def run(self, given: EngineInput, cells: CellGrid) -> CellMotion:
+        """Estimate the displacement of each of the network's cells."""
         ...
 
 
@@ -91,26 +107,31 @@ class CpuEngine:
             return binary_image(points, cells)
         return pillar_image(points, cells, *self.layer)
 
-    def run(self, previous: F32, current: F32, visibility: F32, cells: CellGrid) -> CellMotion:
+    def run(self, given: EngineInput, cells: CellGrid) -> CellMotion:
         """Estimate the displacement of each cell, see `Engine`."""
-        one, two = (
-            torch.from_numpy(image)[None].permute(0, 3, 1, 2)
-            for image in self.images(current, previous, cells)
-        )
-        return self.flow_of(one, two, torch.from_numpy(visibility)[None])
+        return self.flow_of(*self.tensors(given, cells))
 
-    def images(self, current: F32, previous: F32, cells: CellGrid) -> list[F32]:
-        """Return the pseudo-images of both sweeps, made in parallel (the loops release the GIL)."""
-        with ThreadPoolExecutor(min(2, torch.get_num_threads())) as pool:
-            return list(pool.map(lambda points: self.image(points, cells), (current, previous)))
+    def tensors(self, given: EngineInput, cells: CellGrid) -> list[torch.Tensor]:
+        """Return the inputs of the flow network (see `BevFlowNet`), of batches of one.
+
+        Pseudo-images are channels last and made in parallel (the loops release the GIL).
+        """
+        sweeps = [given.current, given.previous, *(one.points for one in given.older)]
+        with ThreadPoolExecutor(min(len(sweeps), torch.get_num_threads())) as pool:
+            made = list(pool.map(lambda points: self.image(points, cells), sweeps))
+        current, previous, *older = (
+            torch.from_numpy(image)[None].permute(0, 3, 1, 2) for image in made
+        )
+        inputs = [current, previous, torch.from_numpy(given.shares)[None]]
+        if older:
+            inputs += [torch.cat(older, dim=1), _ratios(given)]
+        return inputs
 
     @torch.inference_mode()
-    def flow_of(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor
-    ) -> CellMotion:
-        """Estimate from pseudo-images (1,C,H,W), channels last, and visibility (1,4,H,W)."""
+    def flow_of(self, *inputs: torch.Tensor) -> CellMotion:
+        """Estimate from the inputs of `tensors`."""
         with torch.autocast("cpu", torch.bfloat16, enabled=self.half):
-            estimate = self.flow(current, previous, visibility)
+            estimate = self.flow(*inputs)
         return _first_motion(estimate, self.stride, self.calibration)
 
 
@@ -126,14 +147,20 @@ class CudaEngine:
         self.graphs: dict[tuple[int, ...], _CapturedGraph] = {}
 
     @torch.inference_mode()
-    def run(self, previous: F32, current: F32, visibility: F32, cells: CellGrid) -> CellMotion:
+    def run(self, given: EngineInput, cells: CellGrid) -> CellMotion:
         """Estimate the displacement of each cell, see `Engine`."""
-        images = [self._image(points, cells) for points in (current, previous)]
-        inputs = (*images, torch.from_numpy(visibility)[None].cuda())
-        shape = tuple(images[0].shape)
+        current, previous, *older = (
+            self._image(points, cells)
+            for points in (given.current, given.previous, *(one.points for one in given.older))
+        )
+        inputs = [current, previous, torch.from_numpy(given.shares)[None].cuda()]
+        if older:
+            inputs += [torch.cat(older, dim=1), _ratios(given).cuda()]
+        shape = (*current.shape, len(older))
         if shape not in self.graphs:
-            self.graphs[shape] = _CapturedGraph(self.flow, inputs)
-        return _first_motion(self.graphs[shape].replay(inputs), self.stride, self.calibration)
+            self.graphs[shape] = _CapturedGraph(self.flow, tuple(inputs))
+        motion = self.graphs[shape].replay(tuple(inputs))
+        return _first_motion(motion, self.stride, self.calibration)
 
     def _image(self, points: F32, cells: CellGrid) -> torch.Tensor:
         described = describe(points, cells)
@@ -178,6 +205,10 @@ class _CapturedGraph:
             fixed.copy_(new)
         self.graph.replay()
         return self.estimate
+
+
+def _ratios(given: EngineInput) -> torch.Tensor:
+    return torch.tensor([[one.ratio for one in given.older]], dtype=torch.float32)
 
 
 def _first_motion(estimate: Estimate, stride: int, calibration: Calibration) -> CellMotion:

@@ -23,7 +23,7 @@ from mottrack.flow.pillarflow.network import BevFlowNet
 from mottrack.flow.pillarflow.pillars import CellGrid
 from mottrack.flow.pillarflow.weights_file import Weights
 
-INPUTS = ("current", "previous", "visibility")
+INPUTS = ("current", "previous", "shares", "older", "ratio")
 OUTPUTS = ("motion_m", "factor")
 TOLERANCE_M = 1e-3
 """Far below the 2 cm noise of a LiDAR, far above what another order of float32 sums changes."""
@@ -36,23 +36,27 @@ class _FinestFlow(nn.Module):
         super().__init__()
         self.flow = flow
 
-    def forward(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        estimate = self.flow(current, previous, visibility)
+    def forward(self, *inputs: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        estimate = self.flow(*inputs)
         return estimate.motions[-1], estimate.factor
 
 
 def random_inputs(weights: Weights, cells: CellGrid) -> tuple[torch.Tensor, ...]:
-    """Return random `INPUTS`; one cell in twenty is occupied, as in a LiDAR sweep."""
+    """Return random `INPUTS`; one cell in twenty is occupied, as in a LiDAR sweep.
+
+    A network without older sweeps has the first three alone.
+    """
     generator = torch.Generator().manual_seed(0)
+    config, size = weights.network.config, (cells.rows, cells.columns)
     images = []
-    for _ in range(2):
-        channels = weights.network.config.image_channels
-        image = torch.rand(1, channels, cells.rows, cells.columns, generator=generator)
-        images.append(image * (torch.rand(image.shape[-2:], generator=generator) < 0.05))
-    visibility = torch.rand(1, 4, cells.rows, cells.columns, generator=generator)
-    return (*images, visibility)
+    for _ in range(2 + config.older):
+        image = torch.rand(1, config.image_channels, *size, generator=generator)
+        images.append(image * (torch.rand(size, generator=generator) < 0.05))
+    shares = torch.rand(1, 8, *size, generator=generator)
+    if not config.older:
+        return (*images, shares)
+    ratio = torch.tensor([[0.1 / age_s for age_s in config.older_ages_s]])
+    return (*images[:2], shares, torch.cat(images[2:], dim=1), ratio)
 
 
 def export_onnx(weights: Weights, file: Path, cells: CellGrid) -> float:
@@ -69,7 +73,7 @@ def export_onnx(weights: Weights, file: Path, cells: CellGrid) -> float:
             module,
             inputs,
             str(file),
-            input_names=list(INPUTS),
+            input_names=list(INPUTS[: len(inputs)]),
             output_names=list(OUTPUTS),
             opset_version=18,
             dynamo=False,
@@ -88,7 +92,7 @@ def _onnxruntime(file: Path, inputs: tuple[torch.Tensor, ...]) -> list[F32]:
     import onnxruntime
 
     session = onnxruntime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
-    values = dict(zip(INPUTS, (one.numpy() for one in inputs), strict=True))
+    values = dict(zip(INPUTS, (one.numpy() for one in inputs), strict=False))
     # a network without visibility has two inputs
     used = {one.name: values[one.name] for one in session.get_inputs()}
     results: list[F32] = session.run(list(OUTPUTS), used)

@@ -103,10 +103,18 @@ class Pyramid(nn.Module):
             for before, after, stride in zip(widths, widths[1:], strides, strict=False)
         )
 
-    def forward(self, image: torch.Tensor) -> list[torch.Tensor]:
-        """Return the feature maps of all levels, finest first."""
+    def forward(
+        self, image: torch.Tensor, *, first: int = 0, levels: int | None = None
+    ) -> list[torch.Tensor]:
+        """Return the feature maps of the levels, finest first.
+
+        Args:
+            image: (B,.,H,W) pseudo-images, or maps of the level before `first`.
+            first: level to begin with.
+            levels: number of the level to end before; None: all.
+        """
         maps = []
-        for level in self.levels:
+        for level in list(self.levels)[first:levels]:
             image = level(image)
             maps.append(image)
         return maps

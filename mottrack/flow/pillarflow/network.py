@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
+from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.decoders import make_decoder
+from mottrack.flow.pillarflow.decoders import OlderSweeps, make_decoder
 from mottrack.flow.pillarflow.layers import concatenate, conv_block
 from mottrack.flow.pillarflow.pillars import DESCRIPTORS, CellGrid, network_cells
 
@@ -38,17 +39,27 @@ class PointBatch:
 
 @dataclass(frozen=True)
 class NetworkInput:
-    """Both sweeps of a batch of pairs, in the current ego frame."""
+    """The sweeps of a batch of pairs, in the current ego frame."""
 
     current: PointBatch
     previous: PointBatch
-    visibility: torch.Tensor
-    """(B,4,H,W) shares of a cell, unseen and seen-free of the current, then the previous sweep."""
+    shares: torch.Tensor
+    """(B,8,H,W) shares of a cell: unseen and seen-free of the current, then the previous sweep;
+    then of its points, hidden from and passed by the other sweep, of the current, the previous."""
+    older: tuple[PointBatch, ...] = ()
+    """One for each of the network's older sweeps."""
+    ratio: torch.Tensor | None = None
+    """(B,S) time between the sweeps of the pair / age of each older sweep; 0: there is none."""
 
     def to(self, device: torch.device) -> NetworkInput:
         """Copy to a device."""
-        visibility = self.visibility.to(device, non_blocking=True)
-        return NetworkInput(self.current.to(device), self.previous.to(device), visibility)
+        return NetworkInput(
+            self.current.to(device),
+            self.previous.to(device),
+            self.shares.to(device, non_blocking=True),
+            tuple(one.to(device) for one in self.older),
+            None if self.ratio is None else self.ratio.to(device, non_blocking=True),
+        )
 
 
 @dataclass(frozen=True)
@@ -123,26 +134,46 @@ class Uncertainty(nn.Module):
 
 
 class BevFlowNet(nn.Module):
-    """Two pseudo-images (B,C,H,W) -> Estimate: the network behind the encoder."""
+    """Pseudo-images (B,C,H,W) -> Estimate: the network behind the encoder."""
 
     def __init__(self, config: NetworkConfig) -> None:
         """Build the decoder that the configuration names and the uncertainty head."""
         super().__init__()
-        self.visibility = config.visibility
-        inputs = config.image_channels + (2 if config.visibility else 0)
-        self.decoder = make_decoder(config, inputs=inputs)
+        self.visibility, self.sight, self.older = config.visibility, config.sight, config.older
+        self.decoder = make_decoder(config, inputs=config.image_channels + config.image_shares)
         self.uncertainty = Uncertainty(inputs=self.decoder.outputs)
 
     def forward(
-        self, current: torch.Tensor, previous: torch.Tensor, visibility: torch.Tensor
+        self,
+        current: torch.Tensor,
+        previous: torch.Tensor,
+        shares: torch.Tensor,
+        older: torch.Tensor | None = None,
+        ratio: torch.Tensor | None = None,
     ) -> Estimate:
-        """Estimate the displacements; `visibility` (B,4,H,W) as in `NetworkInput`."""
-        of_previous = None
-        if self.visibility:
-            of_previous = visibility[:, 2:]
-            current = concatenate([current, visibility[:, :2]])
-            previous = concatenate([previous, of_previous])
-        motions, features = self.decoder(current, previous, of_previous)
+        """Estimate the displacements.
+
+        Args:
+            current: (B,C,H,W) pseudo-image of the current sweep.
+            previous: (B,C,H,W) the same of the previous sweep.
+            shares: (B,8,H,W) as in `NetworkInput`.
+            older: (B,S C,H,W) the same of the older sweeps, one after the other; None: there are
+                none.
+            ratio: (B,S) as in `NetworkInput`.
+        """
+        visible, sight = shares[:, :4], shares[:, 4:]
+        beside = [visible] * self.visibility + [sight] * self.sight
+        # shadow edges and what was passed are told to the estimators too, of both sweeps
+        told = [visible[:, 2:]] * self.visibility + [sight] * self.sight
+        seen = concatenate(told) if told else None
+        history = None
+        if self.older and older is not None and ratio is not None:
+            nothing = [part.new_zeros(part[:, :2].shape) for part in beside]
+            images = [concatenate([one, *nothing]) for one in older.chunk(self.older, dim=1)]
+            history = OlderSweeps(images, ratio)
+        current = concatenate([current, *(part[:, :2] for part in beside)])
+        previous = concatenate([previous, *(part[:, 2:] for part in beside)])
+        motions, features = self.decoder(current, previous, seen, history)
         return Estimate([m.float() for m in motions], self.uncertainty(features).float())
 
 
@@ -165,8 +196,14 @@ class PillarFlowNet(nn.Module):
 
     def forward(self, pair: NetworkInput) -> Estimate:
         """Estimate the displacement of the current sweep's cells."""
+        current, previous = self.encoder(pair.current), self.encoder(pair.previous)
+        count = self.config.older if pair.older else 0
+        if count > len(pair.older):
+            raise InputError("older sweeps", len(pair.older), f"0 or {count}")
+        older = [self.encoder(one) for one in pair.older[:count]]
+        ratio = pair.ratio[:, :count] if older and pair.ratio is not None else None
         estimate: Estimate = self.flow(
-            self.encoder(pair.current), self.encoder(pair.previous), pair.visibility
+            current, previous, pair.shares, torch.cat(older, dim=1) if older else None, ratio
         )
         return estimate
 

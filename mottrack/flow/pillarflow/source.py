@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,21 +11,24 @@ import numpy as np
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.core.arrays import Mask
+from mottrack.core.arrays import F32, Mask
 from mottrack.core.errors import DataError
-from mottrack.core.grid import BevGrid
+from mottrack.core.grid import WHOLE_CELLS, BevGrid
 from mottrack.core.interfaces import FlowSourceBase
 from mottrack.core.motion import FlowField
 from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 from mottrack.flow.pillarflow.forked import require_threads
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
+from mottrack.flow.pillarflow.sight import SHARES, point_sight, sight_image
 from mottrack.flow.shipped_errors import shipped_errors
 from mottrack.flow.stages import Stages, StagesConfig
-from mottrack.flow.sweep_pair import SweepPair, elapsed_seconds, unmeasured
+from mottrack.flow.sweep_pair import PastSweep, SweepPair, elapsed_seconds, unmeasured
 
 if TYPE_CHECKING:
-    from mottrack.flow.pillarflow.engine import CellMotion
+    from mottrack.flow.pillarflow.engine import CellMotion, EngineInput, OlderPoints
 
+AGE_SLACK_S = 0.12
+"""Networks are trained with older sweeps whose ages differ by 0.1 s and a little."""
 SHIPPED = Path(__file__).parent / "weights"
 """Folder of the weights that come with the package."""
 
@@ -64,8 +68,18 @@ class PillarFlowConfig(StrictModel):
     threads: int = Field(0, ge=0, description="CPU threads; 0: as the process is set")
     stages: StagesConfig = Field(default_factory=StagesConfig)
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
-    sweeps: int = Field(
-        2, ge=2, le=MOST_SWEEPS, description="sweeps in use, the current one among them"
+    sweeps: int | None = Field(
+        None,
+        ge=2,
+        le=MOST_SWEEPS,
+        description="sweeps in use, the current one among them; null: as many as the weights take",
+    )
+    margin_m: float = Field(
+        4.0,
+        ge=0,
+        le=20,
+        description="the network sees so much more on every side than the grid of its field: what"
+        " enters within the interval",
     )
     baseline_s: float = Field(
         0.2,
@@ -112,11 +126,16 @@ class PillarFlow(FlowSourceBase):
         self.grid = grid or BevGrid()
         self.errors_name = self.config.weights + ("" if self.config.refined else "_raw")
         self.error_model = shipped_errors(self.errors_name)
-        several = self.config.sweeps > 2
-        self.past_sweeps = self.config.sweeps - 1 if several else _PAST_SWEEPS
-        self.stages = Stages(self.config.stages, self.grid)
         weights = load_weights(weights_path(self.config.weights))
-        self.cells = weights.network.cells(self.grid)
+        self.network = weights.network.config
+        sweeps = self.config.sweeps or self.network.older + 2
+        self.several = sweeps > 2
+        self.past_sweeps = sweeps - 1 if self.several else _PAST_SWEEPS
+        wide = widened(self.grid, self.config.margin_m)
+        stages = self.config.stages
+        ground = stages.ground.reaching(wide)
+        self.stages = Stages(stages.model_copy(update={"ground": ground}), self.grid)
+        self.cells = weights.network.cells(wide)
         self._index = cell_of_centres(self.grid, self.cells)
         use_threads(self.config.threads)
         self._engine = make_engine(
@@ -146,7 +165,7 @@ class PillarFlow(FlowSourceBase):
         Weights of two sweeps compare with the one whose age is nearest to `baseline_s`: over 0.2 s
         a slow object moves twice as many cells as over 0.1 s, and a fast one stays in their reach.
         """
-        if self.config.sweeps > 2:
+        if self.several:
             return list(past)
         ages_s = [seconds_between(sweep.stamp_ns, current.stamp_ns) for sweep in past]
         wanted = int(np.argmin(np.abs(np.array(ages_s) - self.config.baseline_s)))
@@ -164,13 +183,23 @@ class PillarFlow(FlowSourceBase):
         if not len(previous) or not occupied.any():
             return FlowField.unmeasured(self.grid, occupied, current.stamp_ns)
         require_threads()
-        motion = self._engine.run(
-            network_points(previous.xyz_m, pair.previous_height_m, previous.reflectance),
-            network_points(current.xyz_m, pair.current_height_m, current.reflectance),
-            visibility_shares(pair.current_seen, pair.previous_seen, self._index, self.cells),
-            self.cells,
-        )
-        return self._field(motion, occupied, pair)
+        return self._field(self._engine.run(self.engine_input(pair), self.cells), occupied, pair)
+
+    def engine_input(self, pair: SweepPair) -> EngineInput:
+        """Return what the network is given of a pair and the sweeps before it."""
+        from mottrack.flow.pillarflow.engine import EngineInput
+
+        now = network_points(pair.current.xyz_m, pair.current_height_m, pair.current.reflectance)
+        then = points_of(pair.past[-1])
+        visible = visibility_shares(pair.current_seen, pair.previous_seen, self._index, self.cells)
+        sight = np.zeros_like(visible)
+        if self.network.sight:
+            states = point_sight(pair)
+            sight[:SHARES] = sight_image(now, states.current, self.cells)
+            sight[SHARES:] = sight_image(then, states.previous, self.cells)
+        shares = np.concatenate((visible, sight))
+        ages_s = self.network.older_ages_s if self.several else ()
+        return EngineInput(now, then, shares, older_points(pair, ages_s))
 
     def reset(self) -> None:
         """Remove the features of earlier sweeps."""
@@ -194,6 +223,46 @@ class PillarFlow(FlowSourceBase):
             weight=occupied.astype(np.float32),
             stamp_ns=pair.current.stamp_ns,
         )
+
+
+def widened(grid: BevGrid, margin_m: float) -> BevGrid:
+    """Return a grid of the same cells that reaches further by at least `margin_m` on each side."""
+    more_m = math.ceil(margin_m / grid.cell_m - WHOLE_CELLS) * grid.cell_m
+    return BevGrid(
+        grid.x_min_m - more_m,
+        grid.x_max_m + more_m,
+        grid.y_min_m - more_m,
+        grid.y_max_m + more_m,
+        grid.cell_m,
+    )
+
+
+def points_of(sweep: PastSweep) -> F32:
+    """Return the points (N,4) of a past sweep, as the network takes them."""
+    points = sweep.obstacles
+    return network_points(points.xyz_m, sweep.height_m, points.reflectance)
+
+
+def older_points(pair: SweepPair, ages_s: tuple[float, ...]) -> tuple[OlderPoints, ...]:
+    """Return the sweep before the pair of the age nearest to each of `ages_s`, in that order.
+
+    An older sweep that is not there, or not within `AGE_SLACK_S`, is without points and has the
+    ratio 0; where none is there the result is empty.
+    """
+    from mottrack.flow.pillarflow.engine import OlderPoints
+
+    left, chosen = list(pair.past[:-1]), list[PastSweep | None]()
+    for age_s in reversed(ages_s):  # the oldest have the fewest sweeps to choose from
+        near = [i for i, one in enumerate(left) if abs(one.elapsed_s - age_s) <= AGE_SLACK_S]
+        nearest = min(near, key=lambda i: abs(left[i].elapsed_s - age_s), default=None)
+        chosen.append(None if nearest is None else left.pop(nearest))
+    if not any(chosen):
+        return ()
+    nothing = OlderPoints(np.zeros((0, 4), np.float32), 0.0)
+    return tuple(
+        nothing if one is None else OlderPoints(points_of(one), pair.elapsed_s / one.elapsed_s)
+        for one in reversed(chosen)
+    )
 
 
 class BinaryOgmFlow(PillarFlow):

@@ -85,6 +85,40 @@ def load_weights(file: Path) -> Weights:
     return Weights(network.eval(), calibration, ground_removed)
 
 
+@torch.no_grad()
+def widen(file: Path, trained: PillarFlowNet, into: PillarFlowNet) -> None:
+    """Copy trained weights into a network that may have more inputs, in place.
+
+    The weights of inputs that the trained network does not have are zero, so both give the same
+    output: further inputs come last in every layer.
+
+    Args:
+        file: of the trained weights, named in errors.
+        trained: the trained network.
+        into: the network, of the same backbone.
+
+    Raises:
+        DataError: they differ in more than the number of inputs.
+    """
+    mine, theirs = into.state_dict(), trained.state_dict()
+    same = trained.config.backbone == into.config.backbone
+    if mine.keys() != theirs.keys() or not same:
+        differing = sorted(mine.keys() ^ theirs.keys())[:3] or [trained.config.backbone]
+        raise DataError(file, "network", f"differing in {differing}", "that of the run")
+    for name, value in theirs.items():
+        own = mine[name]
+        if own.shape == value.shape:
+            own.copy_(value)
+            continue
+        count = value.shape[1] if value.ndim == 4 else 0
+        wider = 0 < count < own.shape[1] and own[:, :count].shape == value.shape
+        # the images of both sweeps lie beside each other in the first layer of a SpyNet
+        if not wider or into.config.backbone != "pwc":
+            raise DataError(file, name, tuple(value.shape), f"shape {tuple(own.shape)}")
+        own.zero_()
+        own[:, :count].copy_(value)
+
+
 def _reason(error: Exception) -> str:
     if isinstance(error, ValidationError):
         first = error.errors()[0]

@@ -9,8 +9,10 @@ import pytest
 
 from mottrack.flow.pillarflow.engine import use_threads
 from mottrack.flow.pillarflow.training.examples import Example
+from mottrack.lidar.visibility import OCCUPIED
 
 SIDE = 200
+OLDER_AGES_S = (0.3, 0.5)
 
 
 def _box_points(rng: np.random.Generator, centre: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -31,6 +33,12 @@ def _box_example(seed: int, boxes: int = 40, speed_mps: float = 12.0) -> Example
     motion[::2] = 0.0
     then = [_box_points(rng, c - m, s) for c, m, s in zip(centre, motion, size, strict=True)]
     now = [_box_points(rng, c, s) for c, s in zip(centre, size, strict=True)]
+    ways = [motion * np.float32(age_s / 0.1) for age_s in OLDER_AGES_S]
+    older = [
+        _box_points(rng, c - m, s)
+        for way in ways
+        for c, m, s in zip(centre, way, size, strict=True)
+    ]
     rows = np.repeat(np.arange(boxes, dtype=np.int16), 60)
     return Example(
         previous=np.concatenate(then),
@@ -38,9 +46,15 @@ def _box_example(seed: int, boxes: int = 40, speed_mps: float = 12.0) -> Example
         previous_object=rows,
         current_object=rows,
         motion_m=motion[rows],
-        centre_m=np.stack((centre - motion, centre), axis=1),
+        centre_m=np.stack((centre - motion, centre, *(centre - m for m in ways)), axis=1),
         seen=np.zeros((4, SIDE, SIDE), np.uint8),
         elapsed_s=0.1,
+        previous_sight=np.full(len(rows), OCCUPIED, np.int8),
+        current_sight=np.full(len(rows), OCCUPIED, np.int8),
+        older=np.concatenate(older),
+        older_object=np.tile(rows, 2),
+        older_slot=np.repeat(np.arange(2, dtype=np.uint8), len(rows)),
+        older_age_s=np.array(OLDER_AGES_S),
     )
 
 

@@ -21,7 +21,7 @@ from mottrack.core.sweep import Sweep
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.decoders import DECODERS, PRESETS
-from mottrack.flow.pillarflow.engine import CpuEngine
+from mottrack.flow.pillarflow.engine import CpuEngine, EngineInput, OlderPoints
 from mottrack.flow.pillarflow.export import export_onnx
 from mottrack.flow.pillarflow.layers import Context
 from mottrack.flow.pillarflow.network import NetworkInput, PillarFlowNet, PointBatch
@@ -33,11 +33,12 @@ from mottrack.flow.pillarflow.source import (
     PillarFlow,
     PillarFlowConfig,
 )
-from mottrack.flow.pillarflow.training.examples import labels_from_tracks
+from mottrack.flow.pillarflow.training.examples import BoxedSweep, labels_from_tracks
 from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights
 
 GRID = BevGrid(-16.0, 16.0, -12.0, 12.0, 0.25)
 TINY = NetworkConfig(pillar_channels=8, pyramid_channels=(8, 8, 8), estimator_channels=(8, 8))
+TINY_HISTORY = TINY.model_copy(update={"sight": True, "older_ages_s": (0.3, 0.5)})
 
 
 def _weights(config: NetworkConfig = TINY, seed: int = 0) -> Weights:
@@ -123,6 +124,42 @@ def test_a_past_of_several_sweeps_is_prepared_sweep_by_sweep(file: Path) -> None
     assert np.array_equal(one.velocity_mps, two.velocity_mps)
 
 
+def test_older_sweeps_are_given_to_a_network_that_takes_them(tmp_path: Path) -> None:
+    """Each in its slot, with the ratio of the times; one that is not there is marked, not zero."""
+    path = tmp_path / "history.safetensors"
+    save_weights(path, _weights(TINY_HISTORY))
+    source = _source(path, refined=False)
+    assert source.past_sweeps == 3
+    drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(6)]
+
+    def ratios(*ages: int) -> list[float]:
+        pair = source.stages.before([drive[5 - age] for age in ages], drive[5])
+        given = source.engine_input(pair)
+        for one in given.older:
+            age = round(1 / one.ratio) if one.ratio else None
+            alone = age and source.stages.before([drive[5 - age]], drive[5]).previous
+            assert len(one.points) == (len(alone) if alone else 0)
+        return [round(one.ratio, 3) for one in given.older]
+
+    assert ratios(5, 3, 1) == [0.333, 0.2]
+    assert ratios(5, 1) == [0.0, 0.2]
+    assert ratios(4, 2, 1) == [0.5, 0.25]
+    assert ratios(1) == []
+    whole = source.estimate([drive[0], drive[2], drive[4]], drive[5])
+    pair = source.estimate([drive[4]], drive[5])
+    assert not np.array_equal(whole.velocity_mps, pair.velocity_mps)
+
+
+def test_absent_older_sweeps_are_as_if_there_were_none() -> None:
+    network = _weights(TINY_HISTORY).network
+    generator = torch.Generator().manual_seed(1)
+    images = [torch.rand(1, 8, 32, 32, generator=generator) for _ in range(4)]
+    shares = torch.rand(1, 8, 32, 32, generator=generator)
+    none = network.flow(*images[:2], shares)
+    absent = network.flow(*images[:2], shares, torch.cat(images[2:], 1), torch.zeros(1, 2))
+    assert torch.allclose(none.motions[-1], absent.motions[-1], atol=1e-6)
+
+
 def test_half_the_time_is_twice_the_velocity(file: Path) -> None:
     source = _source(file, refined=False)
     slow = source.estimate([_sweep(0)], _sweep(100_000_000, 1))
@@ -130,22 +167,28 @@ def test_half_the_time_is_twice_the_velocity(file: Path) -> None:
     assert np.allclose(2 * slow.velocity_mps, fast.velocity_mps, rtol=1e-4, atol=1e-6)
 
 
-def test_folded_inference_equals_the_trained_network() -> None:
-    weights, cells = _weights(), CellGrid(-16.0, -16.0, 0.5, 64, 64)
+@pytest.mark.parametrize("config", [TINY, TINY_HISTORY], ids=["two sweeps", "four"])
+def test_folded_inference_equals_the_trained_network(config: NetworkConfig) -> None:
+    weights, cells = _weights(config), CellGrid(-16.0, -16.0, 0.5, 64, 64)
     rng = np.random.default_rng(0)
     sweeps = [
         rng.uniform((-16, -16, 0.3, 0), (16, 16, 2.5, 1), (900, 4)).astype(np.float32)
-        for _ in range(2)
+        for _ in range(4)
     ]
-    seen = rng.uniform(0, 1, (4, 64, 64)).astype(np.float32)
-    motion = CpuEngine(weights).run(sweeps[1], sweeps[0], seen, cells)
+    shares = rng.uniform(0, 1, (8, 64, 64)).astype(np.float32)
+    older = (OlderPoints(sweeps[2], 0.1 / 0.3), OlderPoints(sweeps[3], 0.1 / 0.5))
+    given = EngineInput(sweeps[0], sweeps[1], shares, older[: weights.network.config.older])
+    motion = CpuEngine(weights).run(given, cells)
     described = [describe(points, cells) for points in sweeps]
     points = [
         PointBatch(torch.from_numpy(one.descriptors), torch.from_numpy(one.cells), 1, 64, 64)
         for one in described
     ]
+    ratio = torch.tensor([[0.1 / 0.3, 0.1 / 0.5]])
     with torch.no_grad():
-        estimate = weights.network(NetworkInput(*points, torch.from_numpy(seen)[None]))
+        estimate = weights.network(
+            NetworkInput(*points[:2], torch.from_numpy(shares)[None], tuple(points[2:]), ratio)
+        )
     wanted = estimate.motions[-1][0].permute(1, 2, 0).numpy()
     assert np.abs(wanted).max() > 0.05
     assert np.allclose(motion.motion_m, wanted, atol=1e-5)
@@ -256,11 +299,14 @@ def test_binary_network_runs_behind_the_same_interface(tmp_path: Path) -> None:
     assert field.occupied.any()
 
 
+@pytest.mark.parametrize("network", [TINY, TINY_HISTORY], ids=["two sweeps", "four"])
 @pytest.mark.parametrize("backbone", DECODERS)
-def test_export_agrees_with_onnxruntime(tmp_path: Path, backbone: str) -> None:
+def test_export_agrees_with_onnxruntime(
+    tmp_path: Path, backbone: str, network: NetworkConfig
+) -> None:
     pytest.importorskip("onnxruntime")
     pytest.importorskip("onnx")
-    config = TINY.model_copy(update={"backbone": backbone})
+    config = network.model_copy(update={"backbone": backbone})
     cells = CellGrid(-16.0, -16.0, 0.5, 64, 64)
     worst_m = export_onnx(_weights(config), tmp_path / "net.onnx", cells)
     assert worst_m < 1e-4
@@ -294,10 +340,16 @@ def test_labels_follow_a_turning_box() -> None:
     xyz = np.array([[1.5, 0.5, 0.0], [9.0, 0.0, 0.0]], np.float32)
     now = Sweep(xyz, np.zeros(2, np.float32), 100_000_000, Pose.identity())
     then = replace(now, stamp_ns=0, xyz_m=xyz - np.float32(0.5))
-    labels = labels_from_tracks(then, now, truth(0, -1.0, 0.0), truth(100_000_000, 0.0, 0.1))
+    older = replace(now, stamp_ns=-200_000_000, xyz_m=xyz - np.array([3.0, 0, 0], np.float32))
+    labels = labels_from_tracks(
+        BoxedSweep(then, truth(0, -1.0, 0.0)),
+        BoxedSweep(now, truth(100_000_000, 0.0, 0.1)),
+        [BoxedSweep(older, truth(-200_000_000, -3.0, -0.2))],
+    )
     c, s = np.cos(-0.1), np.sin(-0.1)
     was = np.array([1.5 * c - 0.5 * s - 1.0, 1.5 * s + 0.5 * c])
     assert np.allclose(labels.velocity_mps[0], (xyz[0, :2] - was) / 0.1, atol=1e-4)
     assert not labels.velocity_mps[1].any()
     assert list(labels.current_object) == [0, -1]
-    assert np.allclose(labels.centre_m[0], [[-1.0, 0.0], [0.0, 0.0]])
+    assert np.allclose(labels.centre_m[0], [[-1.0, 0.0], [0.0, 0.0], [-3.0, 0.0]])
+    assert list(labels.older_object[0]) == [0, -1]

@@ -11,6 +11,9 @@ import pytest
 import torch
 
 from mottrack.core.errors import DataError
+from mottrack.flow.pillarflow.config import NetworkConfig
+from mottrack.flow.pillarflow.decoders import PRESETS
+from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.pillars import CellGrid
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scale_objects
 from mottrack.flow.pillarflow.training.batches import (
@@ -25,7 +28,7 @@ from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
 from mottrack.flow.pillarflow.training.shards import Shards, write_shard
 from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish
-from mottrack.flow.pillarflow.weights_file import load_weights
+from mottrack.flow.pillarflow.weights_file import load_weights, widen
 
 ALONE = RankInfo(0, 1, torch.device("cpu"))
 Boxes = Callable[..., Example]
@@ -77,6 +80,27 @@ def test_loss_falls_and_weights_can_be_read_back(tmp_path: Path, box_example: Bo
     assert (tmp_path / "run" / "curve.png").stat().st_size > 0
 
 
+def test_a_run_begins_from_weights_of_fewer_inputs_with_their_output(
+    tmp_path: Path, box_example: Boxes
+) -> None:
+    """Older sweeps and three-dimensional visibility change nothing before the first step."""
+    tiny = NetworkConfig(pillar_channels=8, pyramid_channels=(8, 8, 8), estimator_channels=(8, 8))
+    more = tiny.model_copy(update={"sight": True, "older_ages_s": (0.3, 0.5)})
+    trained, wider = PillarFlowNet(tiny).eval(), PillarFlowNet(more).eval()
+    widen(tmp_path / "tiny", trained, wider)
+    sampler = Sampler([box_example(0)], 0.5, CropConfig(), AugmentationConfig(), seed=7)
+    pair = sampler.batch(0, 2).pair
+    assert pair.ratio.shape == (2, 2)
+    with torch.no_grad():
+        one, two = trained(pair), wider(pair)
+    assert (one.motions[-1] - two.motions[-1]).abs().max() < 1e-6
+    assert (one.factor - two.factor).abs().max() < 1e-4
+    with pytest.raises(DataError, match=r"tiny: .*expected shape"):
+        widen(tmp_path / "tiny", wider, PillarFlowNet(tiny))
+    with pytest.raises(DataError, match="network"):
+        widen(tmp_path / "tiny", trained, PillarFlowNet(PRESETS["spynet"]))
+
+
 def test_a_torn_checkpoint_is_named(tmp_path: Path, box_example: Boxes) -> None:
     out = _made(tmp_path / "run")
     trainer = Trainer(_config(1), ALONE, out)
@@ -105,10 +129,22 @@ def test_scaling_keeps_the_motion_rigid(box_example: Boxes) -> None:
     """Matching points of a scaled box still differ by the motion that the label says."""
     example = box_example(0)
     xy_m = example.current[:, :2] - example.motion_m
-    same = replace(example, previous=np.column_stack((xy_m, example.current[:, 2:])))
+    older = [
+        np.column_stack((example.current[:, :2] - k * example.motion_m, example.current[:, 2:]))
+        for k in (3, 5)
+    ]
+    same = replace(
+        example,
+        previous=np.column_stack((xy_m, example.current[:, 2:])),
+        older=np.concatenate(older),
+    )
     scaled = scale_objects(same, 0.3, np.random.default_rng(0))
     away = scaled.current[:, :2] - scaled.previous[:, :2] - scaled.motion_m
     assert np.abs(away).max() < 1e-5
+    for slot, k in enumerate((3, 5)):
+        then = scaled.older[scaled.older_slot == slot]
+        away = scaled.current[:, :2] - then[:, :2] - k * scaled.motion_m
+        assert np.abs(away).max() < 1e-4
     assert np.abs(scaled.current - same.current).max() > 0.1
 
 
@@ -145,7 +181,7 @@ def test_a_batch_depends_on_seed_step_and_row_alone(box_example: Boxes) -> None:
     sampler = Sampler(examples, 0.5, CropConfig(), AugmentationConfig(), seed=7)
     pair, single = sampler.batch(5, 2), sampler.batch(5, 1, first=1)
     assert torch.equal(pair.target.motion_m[1:], single.target.motion_m)
-    assert torch.equal(sampler.batch(5, 2).pair.visibility, pair.pair.visibility)
+    assert torch.equal(sampler.batch(5, 2).pair.shares, pair.pair.shares)
 
 
 def test_buckets_weigh_each_speed_alike() -> None:

@@ -20,7 +20,8 @@ from mottrack.compiled import compiled
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F32, I64, Mask
 from mottrack.flow.pillarflow.network import NetworkInput, PointBatch
-from mottrack.flow.pillarflow.pillars import CellGrid, DescribedPoints, describe
+from mottrack.flow.pillarflow.pillars import DESCRIPTORS, CellGrid, DescribedPoints, describe
+from mottrack.flow.pillarflow.sight import SHARES, sight_shares
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, augment
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import Target
@@ -49,14 +50,18 @@ class Crop:
 
     current: DescribedPoints
     previous: DescribedPoints
-    seen: F32
-    """(4,rows,columns) unseen and seen-free shares of the current, then the previous sweep."""
+    shares: F32
+    """(8,rows,columns) as in `NetworkInput`."""
     motion_m: F32
     """(2,rows,columns) target: mean displacement of the points of each cell (III-C)."""
     mask: F32
     """(1,rows,columns) 1 where the target counts."""
     elapsed_s: float
     """Time between the sweeps."""
+    older: tuple[DescribedPoints, ...]
+    """Of each older sweep; without points where there is none."""
+    ratio: F32
+    """(S,) time between the sweeps / age of each older one; 0 where there is none."""
 
 
 def crop_centre(example: Example, config: CropConfig, rng: Generator) -> F32:
@@ -89,12 +94,10 @@ def random_rotation(rng: Generator) -> F32:
 
 def cut(example: Example, cells: CellGrid, rotation: F32, config: CropConfig) -> Crop:
     """Return the part of an example, rotated about the vehicle by (2,2), that lies on `cells`."""
-    points = []
-    for sweep in (example.previous, example.current):
-        rotated = sweep.copy()
-        rotated[:, :2] = rotated[:, :2] @ rotation.T
-        points.append(describe(rotated, cells))
-    previous, current = points
+    previous = _described(example.previous, cells, rotation)
+    current = _described(example.current, cells, rotation)
+    slots = range(len(example.older_age_s))
+    older = [example.older[example.older_slot == slot] for slot in slots]
     counts = observable(example, previous.inside, current.inside, config)
     motion_m = (example.motion_m @ rotation.T)[current.inside]
     known = counts[example.current_object[current.inside]]
@@ -102,14 +105,26 @@ def cut(example: Example, cells: CellGrid, rotation: F32, config: CropConfig) ->
     means, occupied = _cell_means(values, current.cells, cells.cells)
     counted = occupied & (means[:, 2] > 0.5)  # most of a cell's points are of observable objects
     shape = (cells.rows, cells.columns)
+    sight = [
+        sight_shares(states[on.inside], on.cells, cells.cells).reshape(SHARES, *shape)
+        for states, on in ((example.current_sight, current), (example.previous_sight, previous))
+    ]
     return Crop(
         current=current,
         previous=previous,
-        seen=_seen(example, cells, rotation),
+        shares=np.concatenate((_seen(example, cells, rotation), *sight)),
         motion_m=means[:, :2].T.reshape(2, *shape),
         mask=counted.reshape(1, *shape).astype(np.float32),
         elapsed_s=example.elapsed_s,
+        older=tuple(_described(points, cells, rotation) for points in older),
+        ratio=(example.elapsed_s / example.older_age_s).astype(np.float32),
     )
+
+
+def _described(points: F32, cells: CellGrid, rotation: F32) -> DescribedPoints:
+    rotated = points.copy()
+    rotated[:, :2] = rotated[:, :2] @ rotation.T
+    return describe(rotated, cells)
 
 
 def observable(example: Example, previous: Mask, current: Mask, config: CropConfig) -> F32:
@@ -186,7 +201,9 @@ class Sampler:
         cells = CellGrid(float(corner[0]), float(corner[1]), self.cell_m, side, side)
         crop = cut(example, cells, rotation, self.crop)
         if rng.random() < self.augmentation.no_visibility_share:
-            crop = replace(crop, seen=np.zeros_like(crop.seen))
+            crop = replace(crop, shares=np.zeros_like(crop.shares))
+        if len(crop.older) and rng.random() < self.augmentation.no_older_share:
+            crop = without_older(crop, int(rng.integers(len(crop.older))))
         return crop
 
     def batch(self, step: int, size: int, first: int = 0) -> Batch:
@@ -199,14 +216,34 @@ def collate(crops: list[Crop]) -> Batch:
     pair = NetworkInput(
         current=_joined([crop.current for crop in crops], crops[0]),
         previous=_joined([crop.previous for crop in crops], crops[0]),
-        visibility=torch.from_numpy(np.stack([crop.seen for crop in crops])),
+        shares=torch.from_numpy(np.stack([crop.shares for crop in crops])),
+        older=tuple(
+            _joined([crop.older[slot] for crop in crops], crops[0])
+            for slot in range(len(crops[0].older))
+        ),
+        ratio=torch.from_numpy(np.stack([crop.ratio for crop in crops])),
     )
     target = Target(
         torch.from_numpy(np.stack([crop.motion_m for crop in crops])),
         torch.from_numpy(np.stack([crop.mask for crop in crops])),
         torch.tensor([crop.elapsed_s for crop in crops], dtype=torch.float32),
+        torch.from_numpy(np.stack([_shadow(crop) for crop in crops])),
     )
     return Batch(pair, target)
+
+
+def without_older(crop: Crop, kept: int) -> Crop:
+    """Return the crop without the older sweeps from number `kept` on."""
+    nothing = DescribedPoints(
+        np.zeros((0, DESCRIPTORS), np.float32), np.zeros(0, np.int64), np.zeros(0, np.bool_)
+    )
+    older = (*crop.older[:kept], *[nothing] * (len(crop.older) - kept))
+    return replace(crop, older=older, ratio=crop.ratio * (np.arange(len(older)) < kept))
+
+
+def _shadow(crop: Crop) -> F32:
+    """Return (1,rows,columns) the share of a cell's points that the other sweep did not return."""
+    return crop.shares[4:5] + crop.shares[5:6]
 
 
 def _joined(sweeps: list[DescribedPoints], crop: Crop) -> PointBatch:

@@ -23,6 +23,9 @@ class ExamplesConfig(StrictModel):
         default_factory=dict, description="settings of the embedded world's training pairs"
     )
     pair_s: float = Field(0.1, gt=0, description="wanted age of a recorded pair's earlier sweep")
+    older_ages_s: tuple[float, ...] = Field(
+        (), description="wanted ages of a recorded pair's older sweeps, from the youngest on"
+    )
     seed: int = Field(1, ge=0, description="seed of the embedded world")
     pairs: int = Field(6000, ge=1, description="number of examples")
     validation_seed: int = Field(900_001, ge=0, description="seed of the held-out pairs")
@@ -59,6 +62,11 @@ class TrainConfig(StrictModel):
     """One training run."""
 
     network: str = Field("base", description="name of a preset")
+    initial: str | None = Field(
+        None,
+        description="weights to begin with, shipped ones by name or a file, of the same network or"
+        " of one with fewer inputs; null: random ones",
+    )
     examples: ExamplesConfig = Field(default_factory=ExamplesConfig)
     crop: CropConfig = Field(default_factory=CropConfig)
     augmentation: AugmentationConfig = Field(default_factory=AugmentationConfig)

@@ -20,6 +20,8 @@ from mottrack.flow.pillarflow.network import Estimate
 
 PAPER_ALPHAS = (0.32, 0.08, 0.02, 0.01, 0.005)
 """Weights of the levels, coarse to fine, as published for PWC-Net."""
+SHADOW_SHARE = 0.3
+"""Above this share of its points a cell is at a shadow edge; chosen by eye."""
 DEGREES_OF_FREEDOM = 3.0
 """Of the likelihood's Student t: the fewest whole ones with which a covariance exists."""
 
@@ -33,6 +35,9 @@ class LossConfig(StrictModel):
     level_decay: float = Field(0.5, gt=0, le=1, description="weight of a level / next finer one")
     speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0, 8.0), description="edges of the buckets")
     static_weight: float = Field(1.5, gt=0, description="weight of the slowest bucket")
+    shadow_weight: float = Field(
+        0.0, ge=0, description="further weight of its cells at shadow edges, which look like motion"
+    )
     empty_weight: float = Field(
         0.1,
         ge=0,
@@ -52,10 +57,12 @@ class Target:
     """(B,1,H,W) 1 where it counts."""
     elapsed_s: torch.Tensor
     """(B,)"""
+    shadow: torch.Tensor
+    """(B,1,H,W) share of a cell's points that the other sweep could not see or saw through."""
 
     def to(self, device: torch.device) -> Target:
         """Copy to a device."""
-        parts = (self.motion_m, self.mask, self.elapsed_s)
+        parts = (self.motion_m, self.mask, self.elapsed_s, self.shadow)
         return Target(*(part.to(device, non_blocking=True) for part in parts))
 
     def pooled(self, stride: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -87,6 +94,11 @@ def multi_scale_loss(estimate: Estimate, target: Target, config: LossConfig) -> 
             weight = config.level_decay ** (count - 1 - index)
             total = total + weight * bucket_mean(_norm(motion - truth), speed, mask[:, 0], config)
             total = total + weight * config.empty_weight * empty_mean(motion, mask[:, 0])
+            if config.shadow_weight:
+                edge = functional.max_pool2d(target.shadow, stride)[:, 0] > SHADOW_SHARE
+                at_rest = mask[:, 0] & edge & (speed <= config.speed_edges_mps[0])
+                error = masked_mean(_norm(motion - truth), at_rest)
+                total = total + weight * config.shadow_weight * error
     likelihood = negative_log_likelihood(estimate, truth, mask[:, 0])
     return total + config.nll_weight * likelihood
 
@@ -104,10 +116,15 @@ def bucket_mean(
     return total
 
 
+def masked_mean(values: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Return the mean of the values (B,H,W) inside of the mask (B,H,W); 0 where it is empty."""
+    inside = mask.to(values.dtype)
+    return (values * inside).sum() / inside.sum().clamp(min=1.0)
+
+
 def empty_mean(motion: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
     """Return the mean length of the displacements (B,2,H,W) outside of the mask (B,H,W)."""
-    empty = (~mask).to(motion.dtype)
-    return (_norm(motion) * empty).sum() / empty.sum().clamp(min=1.0)
+    return masked_mean(_norm(motion), ~mask)
 
 
 def whitened(estimate: Estimate, truth: torch.Tensor) -> torch.Tensor:

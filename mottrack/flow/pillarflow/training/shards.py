@@ -22,7 +22,21 @@ from mottrack.flow.pillarflow.training.examples import Example
 
 STEP_M = 0.002
 """Resolution of a stored position: a tenth of a LiDAR's noise, and int16 reaches 65 m."""
-_RAGGED = ("previous", "current", "previous_object", "current_object", "motion_m", "centre_m")
+_POINTS = ("previous", "current", "older")
+"""Fields that are stored in steps of `STEP_M`."""
+_FIXED = ("seen", "elapsed_s", "older_age_s")
+"""Fields of one length."""
+_RAGGED = (
+    *_POINTS,
+    "previous_object",
+    "current_object",
+    "previous_sight",
+    "current_sight",
+    "older_object",
+    "older_slot",
+    "motion_m",
+    "centre_m",
+)
 """Fields whose length differs from one example to the next; each has its offsets beside it."""
 
 
@@ -44,8 +58,9 @@ def write_shard(file: Path, examples: list[Example]) -> None:
         lengths = [len(part) for part in parts]
         columns[f"{name}.start"] = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         joined = np.concatenate(parts)
-        columns[name] = _packed(joined) if name in ("previous", "current") else joined
+        columns[name] = _packed(joined) if name in _POINTS else joined
     columns["seen"] = np.stack([example.seen for example in examples])
+    columns["older_age_s"] = np.stack([example.older_age_s for example in examples])
     columns["elapsed_s"] = np.array([example.elapsed_s for example in examples])
     write_bytes(file, save({k: np.ascontiguousarray(v) for k, v in columns.items()}))
 
@@ -89,8 +104,10 @@ class Shards(Sequence[Example]):
         return Example(
             previous=_unpacked(parts.pop("previous")),
             current=_unpacked(parts.pop("current")),
+            older=_unpacked(parts.pop("older")),
             seen=shard["seen"][row],
             elapsed_s=float(shard["elapsed_s"][row]),
+            older_age_s=shard["older_age_s"][row],
             **parts,
         )
 
@@ -106,10 +123,10 @@ def _opened(file: Path) -> dict[str, Any]:
     try:
         handle: Any = safe_open(file, framework="np")
         names = set(handle.keys())
-        expected = {*_RAGGED, *(f"{name}.start" for name in _RAGGED), "seen", "elapsed_s"}
+        expected = {*_RAGGED, *(f"{name}.start" for name in _RAGGED), *_FIXED}
         if names != expected:
             raise DataError(file, "columns", sorted(names), f"{sorted(expected)}")
-        small = {n for n in names if n.endswith(".start")} | {"elapsed_s"}
+        small = {n for n in names if n.endswith(".start")} | {"elapsed_s", "older_age_s"}
         return {n: handle.get_tensor(n) if n in small else handle.get_slice(n) for n in names}
     except SafetensorError as error:
         raise DataError(file, "content", str(error), "a safetensors file of examples") from error

@@ -18,13 +18,14 @@ from mottrack.flow.pillarflow.decoders import preset
 from mottrack.flow.pillarflow.engine import use_threads
 from mottrack.flow.pillarflow.layers import channels_last
 from mottrack.flow.pillarflow.network import PillarFlowNet
+from mottrack.flow.pillarflow.source import weights_path
 from mottrack.flow.pillarflow.training.batches import Batch, Sampler, stream
 from mottrack.flow.pillarflow.training.checkpoint import Progress, TrainingState, WeightAverage
 from mottrack.flow.pillarflow.training.config import TrainConfig
 from mottrack.flow.pillarflow.training.examples import Example
 from mottrack.flow.pillarflow.training.losses import multi_scale_loss
 from mottrack.flow.pillarflow.training.validation import CellErrors, Scores, cell_errors
-from mottrack.flow.pillarflow.weights_file import Weights, save_weights
+from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights, widen
 
 Report = Callable[[Progress], None]
 
@@ -72,7 +73,7 @@ class Trainer:
         self.config, self.rank, self.out = config, rank, out
         use_threads(config.threads)
         torch.manual_seed(config.seed)
-        self.network = channels_last(PillarFlowNet(preset(config.network)).to(rank.device))
+        self.network = channels_last(initial_network(config).to(rank.device))
         self.average = WeightAverage(self.network, config.ema_decay)
         self.optimiser = _optimiser(config, self.network)
         self.progress = Progress()
@@ -157,6 +158,19 @@ class Trainer:
         if step % config.save_every == 0 or last:
             self.save()
         report(self.progress)
+
+
+def initial_network(config: TrainConfig) -> PillarFlowNet:
+    """Return the network of a run before its first step: random, or begun from other weights.
+
+    Raises:
+        DataError: the initial weights are absent, unusable or of another network.
+    """
+    network = PillarFlowNet(preset(config.network))
+    if config.initial is not None:
+        file = weights_path(config.initial)
+        widen(file, load_weights(file).network, network)
+    return network
 
 
 def _optimiser(config: TrainConfig, network: nn.Module) -> torch.optim.Optimizer:

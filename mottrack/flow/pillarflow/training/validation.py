@@ -17,7 +17,13 @@ from mottrack.flow.pillarflow.calibration import (
     coverage,
 )
 from mottrack.flow.pillarflow.network import PillarFlowNet
-from mottrack.flow.pillarflow.training.batches import NO_ROTATION, CropConfig, collate, cut
+from mottrack.flow.pillarflow.training.batches import (
+    NO_ROTATION,
+    CropConfig,
+    collate,
+    cut,
+    without_older,
+)
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 
 
@@ -70,15 +76,26 @@ class CellErrors:
 
 @torch.no_grad()
 def cell_errors(
-    network: PillarFlowNet, examples: Sequence[Example], crop: CropConfig
+    network: PillarFlowNet,
+    examples: Sequence[Example],
+    crop: CropConfig,
+    older: int | None = None,
 ) -> CellErrors:
-    """Run the network over whole examples; `crop` says which objects are observable."""
+    """Run the network over whole examples.
+
+    Args:
+        network: the network; it is in training mode afterwards.
+        examples: with at least the older sweeps that it takes.
+        crop: says which objects are observable.
+        older: how many older sweeps are given; None: all.
+    """
     network.eval()
     cells = network.cells(EXAMPLE_GRID)
     device = next(network.parameters()).device
     rows = []
     for example in examples:
-        batch = collate([cut(example, cells, NO_ROTATION, crop)]).to(device)
+        whole = cut(example, cells, NO_ROTATION, crop)
+        batch = collate([whole if older is None else without_older(whole, older)]).to(device)
         estimate = network(batch.pair)
         motion, elapsed_s = estimate.motions[-1], batch.target.elapsed_s
         truth, mask = batch.target.pooled(cells.rows // motion.shape[-2])
