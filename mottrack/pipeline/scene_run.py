@@ -9,9 +9,10 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from mottrack.core.concerns import Concern
 from mottrack.core.errors import DataError
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import DetectedScene, FlowSource, GroundMap, Scene
+from mottrack.core.interfaces import DetectedScene, FlowSource, GroundMap, Scene, VelocityJudge
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects
@@ -162,6 +163,7 @@ class SceneLoop:
         """
         settings = member.experiment.settings
         self._scene, self._frames = scene, shared.frames
+        self._flow = member.experiment.flow.kind
         self._pipeline = Pipeline(member.experiment, parts=shared.of(member.experiment))
         if isinstance(scene, GroundMap):
             self._pipeline.use_ground(scene)
@@ -211,7 +213,7 @@ class SceneLoop:
         """
         steps, samples = self._pipeline.finish(self._steps), self._sampler.samples()
         result = _result(self._scene, self._keys, steps, samples)
-        concerns = (*self._watch.concerns(), *self._measured.concerns())
+        concerns = (*self._watch.concerns(), *self._measured.concerns(), *self._doubts())
         result = replace(result, timings_s=self._pipeline.watch.seconds(), concerns=concerns)
         period_s = median_period_s(self._stamps_ns, DEFAULT_PERIOD_S)
         return SceneRun(
@@ -221,6 +223,12 @@ class SceneLoop:
             tuple(self._objects),
             self._scene_flow.sums(),
         )
+
+    def _doubts(self) -> list[Concern]:
+        """Return the tracker's concern about the flow source's velocities, with its name."""
+        tracker = self._pipeline.tracker
+        doubt = tracker.velocity_concern() if isinstance(tracker, VelocityJudge) else None
+        return [] if doubt is None else [replace(doubt, kind=f"{self._flow} flow: {doubt.kind}")]
 
 
 def flow_identity(experiment: Experiment) -> str:
