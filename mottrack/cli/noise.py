@@ -69,6 +69,7 @@ def calibrate_errors(
             f"{study.name}: relative {m.relative:.3f}, missed motion {m.p_missed_motion:.3f} "
             f"(slow, up to {m.missed_speed_mps:.1f} m/s, {m.p_missed_slow:.3f} more), outliers "
             f"{m.p_outlier:.3f} of {m.outlier_sigma_mps:.1f} m/s, "
+            f"persistence {m.persistence:.3f}, "
             f"R_d {dict(m.class_variances)['all']:.3f} (m/s)^2; "
             f"{study.velocities} velocities, {study.moving} of movers; mean normalised square "
             f"error {study.consistency:.2f} (1: the stated covariance is right)"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from mottrack.core.arrays import F64
+from mottrack.core.concerns import Concern
 from mottrack.core.frame import Frame
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects, Tracks
@@ -167,6 +168,15 @@ class OfflineTracker(Tracker, Protocol):
 
     def finish(self, steps: list[Tracks]) -> list[Tracks]:
         """Return the tracks given the whole scene; ``steps`` are the results of ``step``."""
+        ...
+
+
+@runtime_checkable
+class VelocityJudge(Protocol):
+    """A tracker that notices when measured velocities err more than their source states."""
+
+    def velocity_concern(self) -> Concern | None:
+        """Return a warning if the measured velocities were given little weight so far."""
         ...
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mottrack.core.arrays import F64, I64
 from mottrack.core.errors import DataError, InputError
 
 PROBABILITIES = ("p_missed_motion", "p_missed_slow", "p_outlier")
@@ -39,11 +40,16 @@ class VelocityErrorModel:
     class_variances: tuple[tuple[str, float], ...] = ()
     """R_d by class in (m/s)^2 of one axis, measured on training scenes; the entry "all" is that of
     the others. Empty: only each measurement's own covariance is known."""
+    persistence: float = 0.0
+    """Correlation of the errors of successive velocities of a mover: where an object looks the same
+    in every frame the same part of it is misread."""
 
     def __post_init__(self) -> None:
         for name in ("relative", *PROBABILITIES):
             if not getattr(self, name) >= 0.0:
                 raise InputError(name, getattr(self, name), "at least 0")
+        if not 0.0 <= self.persistence < 1.0:
+            raise InputError("persistence", self.persistence, "from 0 to below 1")
         for name in ("missed_speed_mps", "outlier_sigma_mps"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise InputError(name, getattr(self, name), "above 0, m/s")
@@ -55,6 +61,15 @@ class VelocityErrorModel:
     def misses_motion(self) -> bool:
         """Whether the source ever measures a moving object as static."""
         return self.p_missed_motion + self.p_missed_slow > 0.0
+
+    def repeated(self, number: I64) -> F64:
+        """Return the factor on the covariance (n,) of velocities that `number` others preceded.
+
+        Of errors that correlate by a from one velocity to the next, many tell as much as
+        (1 - a) / (1 + a) times as many that are independent.
+        """
+        a = self.persistence
+        return np.where(number > 0, (1.0 + a) / (1.0 - a), 1.0)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data, as `read_error_models` reads it."""

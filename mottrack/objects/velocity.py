@@ -26,6 +26,10 @@ SHORTEST_M = 1e-12
 """Length of an edge between equal corners, which is divided by."""
 
 
+MANY_CELLS = 5
+"""Cells whose spread says something by itself: two variances and a covariance take three."""
+
+
 class VelocityConfig(StrictModel):
     """How the cells of an object are aggregated to one measurement."""
 
@@ -106,7 +110,7 @@ def _measurement(sums: F64, config: VelocityConfig, *, filtered: bool) -> Veloci
     total = np.where(sums[:, 0] > 0, sums[:, 0], 1.0)
     mean = sums[:, 2:4] / total[:, None]
     second = _symmetric(sums[:, 4:7] / total[:, None])
-    spread = second - mean[:, :, None] * mean[:, None, :]
+    spread = _shrunk(second - mean[:, :, None] * mean[:, None, :], sums[:, 10], config)
     own = _symmetric(sums[:, 7:10] / total[:, None])
     cells = sums[:, 0] ** 2 / np.where(sums[:, 1] > 0, sums[:, 1], 1.0)
     effective = np.maximum(cells / config.correlated_cells, 1.0)
@@ -115,6 +119,23 @@ def _measurement(sums: F64, config: VelocityConfig, *, filtered: bool) -> Veloci
     if config.covariance == "printed":
         covariance = (own if filtered else spread) + floor
     return VelocityMeasurement(mean, covariance, sums[:, 10] >= config.min_cells)
+
+
+def _shrunk(spread: F64, cells: F64, config: VelocityConfig) -> F64:
+    """Return the spread (N, 2, 2) of the cells of each object, which `cells` (N,) of them estimate.
+
+    That of one cell is nothing and that of two is of one direction, so it is drawn towards what is
+    usual: the median over the objects of enough cells, with the weight of `correlated_cells`.
+    """
+    many = cells >= MANY_CELLS
+    if not many.any():
+        return spread
+    freedom = np.maximum(cells - 1.0, 0.0)
+    own = 0.5 * np.trace(spread, axis1=1, axis2=2)[many] * cells[many] / freedom[many]
+    usual, weight = float(np.median(own)), config.correlated_cells
+    total = cells[:, None, None] * spread + weight * usual * np.eye(2)
+    shrunk: F64 = total / (freedom + weight)[:, None, None]
+    return shrunk
 
 
 def _symmetric(entries: F64) -> F64:

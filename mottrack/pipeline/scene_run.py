@@ -10,9 +10,10 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from mottrack.core.concerns import Concern
 from mottrack.core.errors import DataError
 from mottrack.core.frame import Frame
-from mottrack.core.interfaces import DetectedScene, FlowSource, GroundMap, Scene
+from mottrack.core.interfaces import DetectedScene, FlowSource, GroundMap, Scene, VelocityJudge
 from mottrack.core.objects import Tracks
 from mottrack.core.result import SceneResult
 from mottrack.core.scene_objects import SceneObjects
@@ -175,6 +176,7 @@ class SceneLoop:
         self._scene, self._frames = scene, shared.frames
         diagnosed = replace(experiment, tracker=stating_innovations(experiment))
         self._pipeline = Pipeline(diagnosed, parts=shared.of(experiment))
+        self._flow = experiment.flow.kind
         if isinstance(scene, GroundMap):
             self._pipeline.use_ground(scene)
         self._sampler = FlowSampler.of(settings, scene.classes, has_sweeps=scene.has_sweeps)
@@ -231,7 +233,7 @@ class SceneLoop:
         """
         steps, samples = self._pipeline.finish(self._steps), self._sampler.samples()
         result = _result(self._scene, self._keys, steps, samples)
-        concerns = (*self._watch.concerns(), *self._measured.concerns())
+        concerns = (*self._watch.concerns(), *self._measured.concerns(), *self._doubts())
         result = replace(result, timings_s=self._pipeline.watch.seconds(), concerns=concerns)
         period_s = median_period_s(self._stamps_ns, DEFAULT_PERIOD_S)
         return SceneRun(
@@ -242,6 +244,12 @@ class SceneLoop:
             self._scene_flow.sums(),
             self._label_free.sums(),
         )
+
+    def _doubts(self) -> list[Concern]:
+        """Return the tracker's concern about the flow source's velocities, with its name."""
+        tracker = self._pipeline.tracker
+        doubt = tracker.velocity_concern() if isinstance(tracker, VelocityJudge) else None
+        return [] if doubt is None else [replace(doubt, kind=f"{self._flow} flow: {doubt.kind}")]
 
 
 def flow_identity(experiment: Experiment) -> str:

@@ -19,6 +19,8 @@ from mottrack.studies.tracker_noise import truth_frames
 from mottrack.trackers.noise_estimation.error_model import VelocitySample, fit_error_model
 from mottrack.trackers.noise_estimation.samples import match_truth
 
+SCENE_IDS = 2**40
+"""Identities are counted or hashed to 32 bits: those of different scenes stay apart."""
 OnScene = Callable[[str, int, int], None]
 
 
@@ -46,7 +48,7 @@ def study_errors(experiment: Experiment, on_scene: OnScene = lambda *_: None) ->
     parts = []
     for k, name in enumerate(names):
         frames = truth_frames(experiment, dataset.scene(name))
-        parts += [part for objects, truth in frames if (part := _sample(objects, truth))]
+        parts += [part for frame in frames if (part := _sample(*frame, first=k * SCENE_IDS))]
         on_scene(name, k + 1, len(names))
     if not parts:
         raise DataError(Path(names[0]), "measured velocities", "none", "some of objects with truth")
@@ -66,8 +68,11 @@ def store(study: ErrorStudy, file: Path) -> None:
     write_text(file, json.dumps(content, indent=1) + "\n")
 
 
-def _sample(objects: Objects, truth: Truth) -> VelocitySample | None:
-    """Return the measured velocities of detections that match an object of known velocity."""
+def _sample(objects: Objects, truth: Truth, *, first: int) -> VelocitySample | None:
+    """Return the measured velocities of detections that match an object of known velocity.
+
+    `first` is added to the identities, which are unique within a scene alone.
+    """
     measured = objects.velocity
     if measured is None:
         return None
@@ -75,5 +80,9 @@ def _sample(objects: Objects, truth: Truth) -> VelocitySample | None:
     known = measured.valid[i] & np.isfinite(truth.velocity_mps[j]).all(axis=1)
     i, j = i[known], j[known]
     return VelocitySample(
-        truth.label[j], measured.mean_mps[i], measured.covariance_m2ps2[i], truth.velocity_mps[j]
+        truth.label[j],
+        measured.mean_mps[i],
+        measured.covariance_m2ps2[i],
+        truth.velocity_mps[j],
+        first + truth.id[j],
     )

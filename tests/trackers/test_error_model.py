@@ -9,7 +9,11 @@ from mottrack.core.objects import Objects
 from mottrack.core.velocity_errors import VelocityErrorModel, read_error_models
 from mottrack.flow.shipped_errors import FILE
 from mottrack.trackers import KalmanTracker
-from mottrack.trackers.noise_estimation.error_model import VelocitySample, fit_error_model
+from mottrack.trackers.noise_estimation.error_model import (
+    VelocitySample,
+    fit_error_model,
+    persistence,
+)
 
 COUNT, STATED_MPS, FLOOR_MPS, SLOW_MPS = 6000, 0.4, 0.3, 2.0
 
@@ -27,7 +31,7 @@ def sample(missed: float, outlier: float, slow: float = 0.0) -> VelocitySample:
     measured[lost] = rng.normal(0.0, sigma, (lost.sum(), 2))
     measured[wild] = rng.normal(0.0, np.hypot(5.0, sigma), (wild.sum(), 2))
     covariance = np.tile(STATED_MPS**2 * np.eye(2), (COUNT, 1, 1))
-    return VelocitySample(np.full(COUNT, "car"), measured, covariance, true)
+    return VelocitySample(np.full(COUNT, "car"), measured, covariance, true, np.arange(COUNT))
 
 
 def test_recovers_the_probabilities() -> None:
@@ -44,6 +48,25 @@ def test_recovers_the_probabilities() -> None:
     assert max(model.relative, model.p_missed_motion, model.p_outlier) < 0.02
     variance = dict(model.class_variances)
     assert variance["car"] == pytest.approx(STATED_MPS**2 + FLOOR_MPS**2, rel=0.05)
+
+
+def test_recovers_the_persistence() -> None:
+    """Errors of each object from a first-order autoregression of known correlation."""
+    rng, objects, frames, correlation = np.random.default_rng(8), 400, 10, 0.6
+    error = rng.normal(0.0, STATED_MPS, (objects, frames, 2))
+    for k in range(1, frames):
+        own = np.sqrt(1.0 - correlation**2) * error[:, k]
+        error[:, k] = correlation * error[:, k - 1] + own
+    true = np.repeat(rng.uniform(2.0, 9.0, (objects, 1, 2)), frames, axis=1)
+    # as recorded: frame by frame, so the rows of an object lie apart
+    rows = [part.swapaxes(0, 1).reshape(-1, 2) for part in (true + error, true)]
+    covariance = np.tile(STATED_MPS**2 * np.eye(2), (objects * frames, 1, 1))
+    object_ = np.tile(np.arange(objects), frames)
+    moving = VelocitySample(np.full(len(object_), "car"), rows[0], covariance, rows[1], object_)
+    assert persistence(moving) == pytest.approx(correlation, abs=0.03)
+    model = VelocityErrorModel(persistence=correlation)
+    # many of them tell as much as a quarter as many that are independent
+    np.testing.assert_allclose(model.repeated(np.arange(3)), [1.0, 4.0, 4.0])
 
 
 def test_movers_and_gross_errors_count_in_r_d() -> None:

@@ -83,9 +83,7 @@ class BlockBank:
 
     def append(self, mean: F64, variance: F64, velocity_covariance: F64) -> None:
         """Add n tracks: mean and variance (n, 11), velocity covariance (n, 2, 2)."""
-        planar = np.zeros((len(mean), 4, 4))
-        planar[:, 0, 0], planar[:, 1, 1] = variance[:, 0], variance[:, 1]
-        planar[:, 2:, 2:] = velocity_covariance
+        planar = planar_covariance(variance, velocity_covariance)
         new = (mean, planar, variance[:, 2:7], np.zeros((len(mean), 2)), variance[:, 9:11])
         joined = (np.concatenate(pair) for pair in zip(self._blocks, new, strict=True))
         self._blocks = Blocks(*joined)
@@ -113,7 +111,7 @@ class BlockBank:
         # the kernels are compiled for contiguous arrays alone
         xy, rest = np.ascontiguousarray(residual[:, :2]), np.ascontiguousarray(residual[:, 2:])
         _correct_axes(self._blocks, rows, rest, np.ascontiguousarray(z_yaw_size_variance))
-        _correct_planar(self._blocks, rows, 0, xy, np.ascontiguousarray(xy_covariance))
+        correct_planar(self._blocks, rows, 0, xy, np.ascontiguousarray(xy_covariance))
         self.mean[rows, YAW] = wrap_angle(self.mean[rows, YAW])
 
     def update_yaw(self, rows: I64, residual: F64, variance: F64) -> None:
@@ -126,11 +124,19 @@ class BlockBank:
         mixed = rows[unsure]
         before = Moments(self.mean[mixed][:, XY_VELOCITY], self._blocks.planar[mixed])
         contiguous = np.ascontiguousarray(residual), np.ascontiguousarray(covariance)
-        _correct_planar(self._blocks, rows, 2, *contiguous)
+        correct_planar(self._blocks, rows, 2, *contiguous)
         if len(mixed):
             after = Moments(self.mean[mixed][:, XY_VELOCITY], self._blocks.planar[mixed])
             mean, self._blocks.planar[mixed] = mixture(before, after, weight[unsure])
             self.mean[mixed[:, None], XY_VELOCITY] = mean
+
+
+def planar_covariance(variance: F64, velocity_covariance: F64) -> F64:
+    """Return the covariance (n, 4, 4) of (x, y, d_x, d_y) from variances (n, 11) and (n, 2, 2)."""
+    planar = np.zeros((len(variance), 4, 4))
+    planar[:, 0, 0], planar[:, 1, 1] = variance[:, 0], variance[:, 1]
+    planar[:, 2:, 2:] = velocity_covariance
+    return planar
 
 
 @compiled
@@ -142,7 +148,7 @@ def _predict(blocks: Blocks, dt: F64, growth: PairGrowth, size_growth: F64) -> N
         t = dt[n]
         for k in range(4):
             mean[n, k] += t * mean[n, k + 7]
-        _predict_planar(planar[n], t)
+        predict_planar(planar[n], t)
         for k in range(2):
             planar[n, k, k] += by_position[n, k]
             planar[n, k, k + 2] += by_both[n, k]
@@ -156,7 +162,7 @@ def _predict(blocks: Blocks, dt: F64, growth: PairGrowth, size_growth: F64) -> N
 
 
 @compiled
-def _predict_planar(p: F64, t: float) -> None:
+def predict_planar(p: F64, t: float) -> None:
     """Write F P F' over p (4, 4) for F = [[I, t I], [0, I]]."""
     for r in range(2):
         for c in range(4):
@@ -201,7 +207,7 @@ def _correct_yaw(blocks: Blocks, rows: I64, residual: F64, noise: F64) -> None:
 
 
 @compiled
-def _correct_planar(blocks: Blocks, rows: I64, first: int, residual: F64, noise: F64) -> None:
+def correct_planar(blocks: Blocks, rows: I64, first: int, residual: F64, noise: F64) -> None:
     """Apply Joseph updates P <- (I - K H) P (I - K H)' + K R K' to (x, y, d_x, d_y).
 
     Observed are its two numbers from `first` on: residuals (n, 2), covariances (n, 2, 2).

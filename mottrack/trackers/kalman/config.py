@@ -49,6 +49,23 @@ class NoiseConfig(StrictModel):
     )
 
 
+class VelocityTestConfig(StrictModel):
+    """The estimate of how the source errs, from the positions of tracks (`velocity_test`)."""
+
+    use: bool = Field(
+        True, description="weigh velocities by how they agree with the positions of the tracks"
+    )
+    prior_velocities: float = Field(
+        30.0, gt=0, description="weight of a calibrated source's error model, in velocities"
+    )
+    uncalibrated_velocities: float = Field(
+        10.0, gt=0, description="weight of the stated covariance of a source that has none"
+    )
+    memory_s: float = Field(
+        60.0, gt=0, description="time after which a velocity counts e times less"
+    )
+
+
 class VelocityConfig(StrictModel):
     """The velocity observation (d_x, d_y) with its covariance R_d (paper, section IV-D)."""
 
@@ -78,6 +95,10 @@ class VelocityConfig(StrictModel):
     p_outlier: float | None = Field(
         None, ge=0, lt=1, description="velocities of another object; none: the source's"
     )
+    persistence: float | None = Field(
+        None, ge=0, lt=1, description="correlation of successive errors; none: the source's"
+    )
+    test: VelocityTestConfig = Field(default_factory=VelocityTestConfig)
 
     @model_validator(mode="after")
     def _check_probabilities(self) -> Self:
@@ -275,7 +296,7 @@ _PUBLISHED: dict[str, Any] = {
     "yaw": "published",
     "drop_unknown": True,
     "noise": {"table": "chiu2020-megvii", "form": "diagonal"},
-    "velocity": {"use": False},
+    "velocity": {"use": False, "test": {"use": False}},
     "standing": {"use": False},
     "association": {"gate": 11.0, "float32": True},
     "nms": {"enabled": False},
@@ -307,12 +328,14 @@ PRESETS: dict[str, dict[str, Any]] = {
     | {
         "velocity": {
             "use": True,
+            "test": {"use": False},
             "birth": "replace",
             "noise": "class",
             "relative": 0.0,
             "p_missed_motion": 0.0,
             "p_missed_slow": 0.0,
             "p_outlier": 0.0,
+            "persistence": 0.0,
         }
     },
 }

@@ -20,7 +20,8 @@ from mottrack.trackers.kalman.noise import (
     initial_velocity_covariance,
     position_covariance,
 )
-from mottrack.trackers.kalman.standing import Failures, Observation, velocity_likelihoods
+from mottrack.trackers.kalman.standing import Observation, velocity_likelihoods
+from mottrack.trackers.kalman.velocity_law import Law
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,16 +67,13 @@ def observations_of(
     objects: Objects,
     config: KalmanConfig,
     table: NoiseTable,
-    error_model: VelocityErrorModel,
-    unit_s: float,
+    law: Law,
 ) -> Detections:
     """Check, suppress and order the objects of a step.
 
-    `error_model` says how their velocities err (`error_model_of`). `unit_s` is the length of the
-    filter's unit of time in seconds: velocities become metres per unit. The order is by class, then
-    by descending score, so that results do not depend on the order of the input; the published
-    tracker keeps the input's order within a class.
-
+    `law` says how their velocities err, and the filter's unit of time: velocities become metres per
+    unit. The order is by class, then by descending score, so that results do not depend on the
+    order of the input; the published tracker keeps the input's order within a class.
     """
     rows = np.arange(len(objects))
     if config.drop_unknown:
@@ -86,13 +84,16 @@ def observations_of(
     kept = _suppress(objects, rows, label, config.nms)
     rows, label = rows[kept], label[kept]
     yaw, noise = wrap_angle(objects.yaw_rad[rows]), table.rows(label)
-    measured = _velocities(objects, rows, config, error_model.relative)
-    velocity, covariance = measured.mean * unit_s, measured.covariance * unit_s**2
+    measured = _velocities(objects, rows, config, law.model.relative)
+    per_unit = law.unit_s / law.gain
+    velocity, covariance = measured.mean * per_unit, measured.covariance * law.scale * per_unit**2
     likelihood = np.zeros((3, len(rows)))
     if measured.valid.any():
-        failures = Failures.of(error_model, unit_s)
-        unexpected = initial_velocity_covariance(noise, yaw)
-        likelihood = velocity_likelihoods(Observation(velocity, covariance), unexpected, failures)
+        unexpected, seen = (
+            initial_velocity_covariance(noise, yaw),
+            Observation(velocity, covariance),
+        )
+        likelihood = velocity_likelihoods(seen, unexpected, law.failures)
     return Detections(
         box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
         xy_covariance=position_covariance(noise, yaw),
@@ -163,7 +164,7 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:
     """Return how the measured velocities err: the source's model, overridden by the settings."""
     own = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
-    settings = config.velocity.model_dump(include={"relative", *PROBABILITIES})
+    settings = config.velocity.model_dump(include={"relative", "persistence", *PROBABILITIES})
     return replace(own, **{name: value for name, value in settings.items() if value is not None})
 
 

@@ -41,13 +41,17 @@ SMALLEST = 1e-200
 
 
 class Failures(NamedTuple):
-    """A `VelocityErrorModel` in the tracker's unit of time, as the kernels read it."""
+    """How velocities err, in the tracker's unit of time, as the kernels read it."""
 
     p_missed: float
     p_slow: float
     slow_speed: float
     p_outlier: float
+    """Of moving objects."""
     outlier_variance: float
+    p_outlier_standing: float
+    rest_scale: float
+    """Covariance of the velocities of standing objects over that of moving ones."""
 
     @classmethod
     def of(cls, model: VelocityErrorModel, unit_s: float) -> Failures:
@@ -58,6 +62,8 @@ class Failures(NamedTuple):
             model.missed_speed_mps * unit_s,
             float(model.p_outlier),
             (model.outlier_sigma_mps * unit_s) ** 2,
+            float(model.p_outlier),
+            1.0,
         )
 
 
@@ -78,6 +84,11 @@ class Rates(NamedTuple):
     start_per_s: float
     stop_per_s: float
     rest_speed: float
+
+
+def rates_of(config: StandingConfig, unit_s: float) -> Rates:
+    """Return the rates of a configuration; `unit_s` is the length of the tracker's unit of time."""
+    return Rates(config.start_per_s, config.stop_per_s, config.rest_mps * unit_s)
 
 
 class Standing:
@@ -110,15 +121,13 @@ class Standing:
 
         `mean` (N, 11) and `planar` (N, 4, 4) are the predicted filters; see `block_bank.Blocks`.
         """
-        config = self._config
-        if config.use:
-            rates = Rates(config.start_per_s, config.stop_per_s, config.rest_mps * unit_s)
-            _change(self.rows, (mean, planar), elapsed_s, rates)
+        if self._config.use:
+            change(self.rows, (mean, planar), elapsed_s, rates_of(self._config, unit_s))
 
     def observe_position(self, rows: I64, box: Observation, mean: F64, planar: F64) -> None:
         """Weigh positions of the tracks `rows` (n,), before the bank is corrected by them."""
         if self._config.use:
-            _observe_position(self.rows, rows, box, (mean, planar))
+            weigh_position(self.rows, rows, box, (mean, planar))
 
     def observe_velocity(
         self, rows: I64, velocity: Observation, filters: tuple[F64, F64], failures: Failures
@@ -181,7 +190,8 @@ def missed_shares(filters: tuple[F64, F64], failures: Failures) -> F64:
 
 
 @compiled
-def _change(rows: Hypotheses, filters: tuple[F64, F64], elapsed_s: F64, rates: Rates) -> None:
+def change(rows: Hypotheses, filters: tuple[F64, F64], elapsed_s: F64, rates: Rates) -> None:
+    """Let tracks start and stop; `filters` are mean (N, 11) and planar (N, 4, 4), predicted."""
     mean, planar = filters
     rest = rates.rest_speed**2
     for n in range(len(rows.p_standing)):
@@ -205,9 +215,10 @@ def _change(rows: Hypotheses, filters: tuple[F64, F64], elapsed_s: F64, rates: R
 
 
 @compiled
-def _observe_position(
+def weigh_position(
     rows: Hypotheses, chosen: I64, seen: Observation, filters: tuple[F64, F64]
 ) -> None:
+    """Weigh positions (n,) of the tracks `chosen` (n,), as `Standing.observe_position` does."""
     mean, planar = filters
     for i in range(len(chosen)):
         n, z = chosen[i], seen.value[i]
@@ -242,12 +253,13 @@ def _observe_velocity(
         n, v, r = chosen[i], seen.value[i], seen.covariance[i]
         d, p = mean[n, 7:9], planar[n, 2:, 2:]
         p_missed = missed_share(failures, d, p)
-        zero = normal_density(v[0], v[1], r)
-        outlier = failures.p_outlier * isotropic_density(v, failures.outlier_variance, r)
+        zero = normal_density(v[0], v[1], failures.rest_scale * r)
+        wild = isotropic_density(v, failures.outlier_variance, r)
+        outlier, at_rest = failures.p_outlier * wild, failures.p_outlier_standing * wild
         expected = normal_density(v[0] - d[0], v[1] - d[1], p + r)
         correct = (1.0 - p_missed - failures.p_outlier) * expected
         moves = correct + p_missed * zero + outlier
-        _weigh(rows.p_standing, n, (1.0 - failures.p_outlier) * zero + outlier, moves)
+        _weigh(rows.p_standing, n, (1.0 - failures.p_outlier_standing) * zero + at_rest, moves)
         if p_missed > 0.0 or failures.p_outlier > 0.0:
             weight[i] = correct / max(moves, SMALLEST)
     return weight
@@ -273,7 +285,7 @@ def velocity_likelihoods(seen: Observation, prior: F64, failures: Failures) -> F
     for i in range(len(prior)):
         v, r = seen.value[i], seen.covariance[i]
         p_missed = missed_share(failures, d, prior[i])
-        zero = normal_density(v[0], v[1], r)
+        zero = normal_density(v[0], v[1], failures.rest_scale * r)
         outlier = failures.p_outlier * isotropic_density(v, failures.outlier_variance, r)
         new = normal_density(v[0], v[1], prior[i] + r)
         result[0, i], result[1, i] = zero, outlier

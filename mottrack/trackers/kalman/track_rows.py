@@ -25,6 +25,8 @@ class TrackRows:
     """Probability that there is an object, from all its scores."""
     hits: I64
     """Detections so far, in total."""
+    velocities: I64
+    """Measured velocities so far."""
     confirmed: Mask
     """Whether it has ever had as many detections as confirmation takes."""
     misses: I64
@@ -68,6 +70,7 @@ def new_tracks(first_id: int, label: I64, score: F64, stamp_ns: int) -> TrackRow
         score_sum=score.copy(),
         confidence=np.clip(score, 0.0, 1.0),
         hits=np.ones(n, np.int64),
+        velocities=np.zeros(n, np.int64),
         confirmed=np.zeros(n, np.bool_),
         misses=np.zeros(n, np.int64),
         presence=np.ones(n),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.core.concerns import Concern
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
@@ -18,14 +19,16 @@ from mottrack.trackers.kalman.association import (
     innovation_squared,
 )
 from mottrack.trackers.kalman.bank import make_bank
+from mottrack.trackers.kalman.block_bank import planar_covariance
 from mottrack.trackers.kalman.clutter import ClutterDensity, spanned_area_m2
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import Detections, error_model_of, observations_of
 from mottrack.trackers.kalman.heading import DetectedHeadings, Headings
 from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
+from mottrack.trackers.kalman.positions_alone import Tracked
 from mottrack.trackers.kalman.standing import (
-    Failures,
+    Hypotheses,
     Observation,
     Standing,
     missed_shares,
@@ -33,6 +36,8 @@ from mottrack.trackers.kalman.standing import (
 from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
+from mottrack.trackers.kalman.velocity_law import Law
+from mottrack.trackers.kalman.velocity_test import make_test
 from mottrack.trackers.step_input import checked_stamp, is_gap
 
 
@@ -52,7 +57,9 @@ class KalmanTracker:
         self._tracks = TrackRows.empty()
         self._standing = Standing(self.config.standing)
         self._headings = Headings(self.config.heading)
-        self._failures = Failures.of(NO_OUTLIERS, 1.0)
+        self.law = Law.stated(NO_OUTLIERS, 1.0)
+        """How the velocities of the last step err, as it was known before it."""
+        self._test = make_test(self.config)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
         self._hulls = LastHulls()
@@ -73,9 +80,10 @@ class KalmanTracker:
             self._keep(np.zeros(len(self._bank), np.bool_))
         elapsed_s = self._elapsed_s(stamp_ns)
         unit_s = elapsed_s if self.config.time == "frames" else 1.0
-        error_model = error_model_of(objects, self.config)
-        seen = observations_of(objects, self.config, self._table, error_model, unit_s)
-        self._failures = Failures.of(error_model, unit_s)
+        if objects.velocity is not None:
+            self._test.start(Tracked(*self._filters(), self._standing.rows))
+        self.law = self._test.law(error_model_of(objects, self.config), unit_s)
+        seen = observations_of(objects, self.config, self._table, self.law)
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
         seen = replace(seen, nll_gate=gates[seen.label])
@@ -83,9 +91,10 @@ class KalmanTracker:
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
         process = self._table.process(tracks.label)
-        self._bank.predict(np.where(active, elapsed_s / unit_s, 0.0), process)
         elapsed = np.where(active, elapsed_s, 0.0)
+        self._bank.predict(elapsed / unit_s, process)
         self._standing.predict(*self._filters(), elapsed, unit_s)
+        self._test.predict(elapsed, process, unit_s)
         management.begin(tracks, seen.label, len(self._table.labels), elapsed_s)
         rows, columns = self._associate(seen, np.flatnonzero(active))
         self._update(rows, columns, seen, elapsed_s)
@@ -113,6 +122,10 @@ class KalmanTracker:
 
         return smooth(steps, self.config)
 
+    def velocity_concern(self) -> Concern | None:
+        """Return a warning if the measured velocities were given little weight so far."""
+        return self._test.concern()
+
     def _elapsed_s(self, stamp_ns: int) -> float:
         if self._stamp_ns is None:
             return self.config.frame_s if self.config.time == "frames" else 1.0
@@ -122,13 +135,14 @@ class KalmanTracker:
         self._bank.keep(alive)
         self._standing.keep(alive)
         self._headings.keep(alive)
+        self._test.keep(alive)
         self._tracks.keep(alive)
 
     def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
         bank = self._bank
         filters = self._filters()
-        missed = missed_shares(filters, self._failures)
-        correct = 1.0 - self._failures.p_outlier - missed
+        missed = missed_shares(filters, self.law.failures)
+        correct = 1.0 - self.law.failures.p_outlier - missed
         boxes = bank.z_yaw_size_variance(), self._tracks.label
         tracks = Predicted(*filters, *boxes, correct, missed)
         if len(active) < len(bank):
@@ -148,16 +162,22 @@ class KalmanTracker:
         self._weigh_headings(rows, columns, seen, elapsed_s)
         variances = seen.xy_covariance[columns], seen.z_yaw_size_variance[columns]
         bank.update_box(rows, residual, *variances)
+        self._test.observe(rows, position)
         measured = seen.has_velocity[columns]
         if measured.any():
-            self._update_velocity(rows[measured], columns[measured], seen)
+            rows, columns = rows[measured], columns[measured]
+            self._test.judge(rows, _velocities(seen, columns), self.law)
+            self._update_velocity(rows, columns, seen)
 
     def _update_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
         """Update `rows` (n,) by their velocities, each as far as it is correct."""
-        velocity = Observation(seen.velocity[columns], seen.velocity_covariance[columns])
-        weight = self._standing.observe_velocity(rows, velocity, self._filters(), self._failures)
+        velocity, law = _velocities(seen, columns), self.law
+        repeated = law.model.repeated(self._tracks.velocities[rows])
+        velocity = velocity._replace(covariance=repeated[:, None, None] * velocity.covariance)
+        weight = self._standing.observe_velocity(rows, velocity, self._filters(), law.failures)
         residual = velocity.value - self._bank.mean[rows, VELOCITY]
         self._bank.update_velocity(rows, residual, velocity.covariance, weight)
+        self._tracks.velocities[rows] += 1
 
     def _filters(self) -> tuple[F64, F64]:
         """Return means (N, 11), and covariances of (x, y, d_x, d_y) (N, 4, 4)."""
@@ -199,14 +219,20 @@ class KalmanTracker:
         first = len(self._bank)
         self._bank.append(mean, noise.initial, covariance)
         names = [self._table.labels[index] for index in new.label.tolist()]
-        self._standing.append(new.box[:, :2], new.xy_covariance, self._standing.prior(names))
-        updated = np.flatnonzero(new.has_velocity & ~replaced)
-        self._update_velocity(first + updated, updated, new)
+        standing = Hypotheses(new.box[:, :2], new.xy_covariance, self._standing.prior(names))
+        self._standing.append(*standing)
+        unseen = np.hstack([new.box, np.zeros((len(new), 4))])
+        planar = planar_covariance(
+            noise.initial, initial_velocity_covariance(noise, new.box[:, YAW])
+        )
+        self._test.append(Tracked(unseen, planar, standing))
         rows = new_tracks(self._next_id, new.label, new.score, stamp_ns)
         rows.source[:] = new.source
         self._headings.append(new.label)
         self._tracks.append(rows)
         self._next_id += len(new)
+        updated = np.flatnonzero(new.has_velocity & ~replaced)
+        self._update_velocity(first + updated, updated, new)
 
     def _published(self, chosen: Mask, stamp_ns: int, unit_s: float) -> Tracks:
         tracks, mean = self._tracks, self._bank.mean[chosen]
@@ -231,3 +257,7 @@ class KalmanTracker:
             covariance=covariance,
             observed=tracks.source[chosen] >= 0,
         )
+
+
+def _velocities(seen: Detections, columns: I64) -> Observation:
+    return Observation(seen.velocity[columns], seen.velocity_covariance[columns])

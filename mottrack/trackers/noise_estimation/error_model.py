@@ -8,7 +8,8 @@ Each measured velocity v of an object of velocity u, with the covariance R that 
 the law by which the tracker weighs it (`kalman.standing`); p_missed falls with the speed, as
 `core.velocity_errors` says. Of an object that stands the first two terms are one. R_d of a class is
 the mean square of its errors over both axes, movers and gross errors included: the filter that uses
-it has no other defence.
+it has no other defence. The persistence is the correlation of the normalised errors of a mover from
+one velocity to the next, missed motions and outliers included, but cut off at `LARGEST_ERROR`.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mottrack.core.arrays import F64, Texts
+from mottrack.core.arrays import F64, I64, Texts
 from mottrack.core.errors import InputError
 from mottrack.core.motion import MOVING_MPS
 from mottrack.core.velocity_errors import VelocityErrorModel
-from mottrack.geometry.two_by_two import density_2x2
+from mottrack.geometry.two_by_two import density_2x2, root_information_2x2
 from mottrack.trackers.kalman.config import VelocityConfig
 
 LEAST_COUNT = 20
@@ -39,6 +40,12 @@ FIRST_MISSED, FIRST_SPEED_MPS, FIRST_SIGMA_MPS = 0.05, 1.5, 2.0
 """First guesses of the other numbers; no start is far from them."""
 SPEEDS_MPS = (0.3, 10.0)
 """Bounds of the two speeds of the model: within R, and beyond every urban speed difference."""
+LARGEST_ERROR = 3.0
+"""Standard deviations at which errors are cut off, so that a few gross ones do not decide."""
+MOST_PERSISTENCE = 0.95
+"""Beyond it the second velocity of an object would tell nothing; it tells at least of turns."""
+SMALLEST = 1e-200
+"""Lower bound of a likelihood whose logarithm is taken."""
 ALL = "all"
 """Name of R_d over every class, which classes without one of their own get."""
 
@@ -55,6 +62,8 @@ class VelocitySample:
     """(N, 2, 2) as the source states it."""
     true_mps: F64
     """(N, 2)"""
+    object: I64
+    """(N,) which object; rows of one are in order of time."""
 
     @classmethod
     def stacked(cls, parts: Sequence[VelocitySample]) -> VelocitySample:
@@ -94,9 +103,25 @@ def fit_error_model(sample: VelocitySample) -> VelocityErrorModel:
     best = min(found, key=lambda result: float(result.fun))
     numbers = (round(float(value), 3) for value in best.x**2)
     relative, slow, outlier, missed, speed_mps, sigma_mps = numbers
-    return VelocityErrorModel(
-        relative, missed, slow, speed_mps, outlier, sigma_mps, class_variances(sample)
-    )
+    shares = relative, missed, slow, speed_mps, outlier, sigma_mps
+    return VelocityErrorModel(*shares, class_variances(sample), persistence(sample))
+
+
+def persistence(sample: VelocitySample) -> float:
+    """Return the correlation of the errors of successive velocities of movers, 0 of too few."""
+    stated = sample.covariance_m2ps2 + VelocityConfig().floor_mps ** 2 * np.eye(2)
+    error = sample.measured_mps - sample.true_mps
+    normalised = np.einsum("nij,nj->ni", root_information_2x2(stated), error)
+    normalised = np.clip(normalised, -LARGEST_ERROR, LARGEST_ERROR)
+    order = np.argsort(sample.object, kind="stable")
+    moves = np.hypot(*sample.true_mps.T)[order] >= MOVING_MPS
+    same = np.diff(sample.object[order]) == 0
+    pairs = np.flatnonzero(same & moves[1:] & moves[:-1])
+    if len(pairs) < LEAST_COUNT:
+        return 0.0
+    then, now = normalised[order[pairs]], normalised[order[pairs + 1]]
+    correlation = 2.0 * np.sum(now * then) / max(np.sum(now**2 + then**2), SMALLEST)
+    return round(float(np.clip(correlation, 0.0, MOST_PERSISTENCE)), 3)
 
 
 def class_variances(sample: VelocitySample) -> tuple[tuple[str, float], ...]:
@@ -127,4 +152,4 @@ def _cost(parameters: F64, sample: VelocitySample) -> float:
     likelihood = (1.0 - lost - outlier) * density_2x2(v - sample.true_mps, spread)
     likelihood += lost * density_2x2(v, stated)
     likelihood += outlier * density_2x2(v, stated + sigma_mps**2 * np.eye(2))
-    return float(-np.mean(np.log(np.maximum(likelihood, 1e-200))))
+    return float(-np.mean(np.log(np.maximum(likelihood, SMALLEST))))

@@ -1,0 +1,154 @@
+"""What the velocities of tracks tell of their source, summed while the tracks are followed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mottrack.compiled import compiled
+from mottrack.core.arrays import F64, I64
+from mottrack.trackers.kalman.standing import (
+    SMALLEST,
+    Failures,
+    Observation,
+    isotropic_density,
+    missed_share,
+    normal_density,
+)
+
+GAIN_SPREAD = 0.2
+"""Standard deviation of the gain about 1 before any velocity, and of a velocity about the gain."""
+WIDEST = 1e4
+"""Variance beyond which an axis was not measured, such as that across the beam of a radar."""
+
+
+class Evidence(NamedTuple):
+    """Sums over velocities, which the kernel adds to."""
+
+    log_scale: F64
+    """(2,) of R, of objects that stand and that move."""
+    slope: F64
+    """(2,) of the log-likelihood along it, of the present step."""
+    information: F64
+    """(2,) Fisher information on it."""
+    standing: F64
+    """(2,) expected number of standing objects' velocities: all, and outliers."""
+    moving: F64
+    """(3,) of moving objects': all, missed at whatever speed, outliers."""
+    outliers: F64
+    """(2,) their number, and the sum of their squares along one axis."""
+    gain: F64
+    """(2,) slope of the log-likelihood at gain 1, and its information."""
+
+
+class Before(NamedTuple):
+    """What was known of the source before a step."""
+
+    failures: Failures
+    gain: float
+    """Share of the speed that it reads."""
+    weight: float
+    """Of what the source states, in velocities."""
+    kept: float
+    """Share of the evidence that has not faded since the last step."""
+
+
+class Known(NamedTuple):
+    """What positions alone tell of N tracks."""
+
+    mean: F64
+    """(N, 11)"""
+    planar: F64
+    """(N, 4, 4)"""
+    p_standing: F64
+    """(N,)"""
+
+
+@compiled
+def judge(
+    evidence: Evidence,
+    chosen: I64,
+    seen: Observation,
+    tracks: Known,
+    before: Before,
+) -> None:
+    """Add the velocities (n,) of the tracks `chosen` (n,) to the sums.
+
+    Args:
+        evidence: is changed.
+        chosen: rows of the tracks.
+        seen: velocities and covariances, as the present law has scaled them.
+        tracks: what positions tell of all tracks.
+        before: what was known before this step.
+    """
+    failures, gain = before.failures, before.gain
+    nowhere = np.zeros((2, 2))
+    for sums in evidence[2:]:
+        for k in range(len(sums)):
+            sums[k] *= before.kept
+    for i in range(len(chosen)):
+        n, v, r = chosen[i], seen.value[i], seen.covariance[i]
+        d, p, q = tracks.mean[n, 7:9], tracks.planar[n, 2:, 2:], tracks.p_standing[n]
+        missed = missed_share(failures, d, p)
+        zero = normal_density(v[0], v[1], failures.rest_scale * r)
+        wild = isotropic_density(v, failures.outlier_variance, r)
+        at_rest = q * (1.0 - failures.p_outlier_standing) * zero
+        wild_at_rest = q * failures.p_outlier_standing * wild
+        expected = normal_density(v[0] - d[0], v[1] - d[1], p + r)
+        seen_moving = (1.0 - q) * (1.0 - missed - failures.p_outlier) * expected
+        lost = (1.0 - q) * missed * zero
+        wild_moving = (1.0 - q) * failures.p_outlier * wild
+        total = at_rest + wild_at_rest + seen_moving + lost + wild_moving
+        if total <= SMALLEST:
+            continue
+        evidence.standing[0] += (at_rest + wild_at_rest) / total
+        evidence.standing[1] += wild_at_rest / total
+        evidence.moving[0] += (seen_moving + lost + wild_moving) / total
+        evidence.moving[1] += lost / total * failures.p_missed / max(missed, SMALLEST)
+        evidence.moving[2] += wild_moving / total
+        outlier = (wild_at_rest + wild_moving) / total
+        evidence.outliers[0] += outlier
+        evidence.outliers[1] += outlier * 0.5 * (v[0] ** 2 + v[1] ** 2)
+        _learn_gain(evidence.gain, seen_moving / total, gain * v - d, (d, gain**2 * (p + r)))
+        _learn_scale(evidence, 0, at_rest / total, (v, failures.rest_scale * r, nowhere))
+        _learn_scale(evidence, 1, seen_moving / total, (v - d, r, p))
+    for k in range(2):
+        step = evidence.slope[k] / (before.weight + evidence.information[k])
+        evidence.log_scale[k] = max(evidence.log_scale[k] + step, 0.0)
+        evidence.slope[k] = 0.0
+
+
+@compiled
+def _learn_gain(sums: F64, weight: float, error: F64, expected: tuple[F64, F64]) -> None:
+    """Add d' S^-1 (v - d) and d' S^-1 d, with S the covariance (2, 2) and the spread of gains."""
+    d, s = expected
+    spread = GAIN_SPREAD**2
+    xx, yy = s[0, 0] + spread * d[0] * d[0], s[1, 1] + spread * d[1] * d[1]
+    xy = s[0, 1] + spread * d[0] * d[1]
+    determinant = xx * yy - xy * xy
+    a, b = (yy * d[0] - xy * d[1]) / determinant, (xx * d[1] - xy * d[0]) / determinant
+    sums[0] += weight * (a * error[0] + b * error[1])
+    sums[1] += weight * (a * d[0] + b * d[1])
+
+
+@compiled
+def _learn_scale(evidence: Evidence, k: int, weight: float, of: tuple[F64, F64, F64]) -> None:
+    """Add slope and Fisher information of the log scale of r, along each axis of r.
+
+    The error (2,) has the covariance r + p.
+    """
+    error, r, p = of
+    half, middle = 0.5 * (r[0, 0] - r[1, 1]), 0.5 * (r[0, 0] + r[1, 1])
+    apart = np.hypot(half, r[0, 1])
+    angle = 0.5 * np.arctan2(r[0, 1], half)
+    cos, sin = np.cos(angle), np.sin(angle)
+    for axis in range(2):
+        own = middle + apart if axis == 0 else middle - apart
+        x, y = (cos, sin) if axis == 0 else (-sin, cos)
+        if own > WIDEST:
+            continue
+        whole = own + x * x * p[0, 0] + 2.0 * x * y * p[0, 1] + y * y * p[1, 1]
+        share, along = own / whole, x * error[0] + y * error[1]
+        evidence.slope[k] += weight * 0.5 * share * (along * along / whole - 1.0)
+        evidence.information[k] += weight * 0.5 * share * share
