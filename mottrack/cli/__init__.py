@@ -14,6 +14,7 @@ from mottrack.cli import (
     data,
     eval,
     exchange,
+    folds,
     machines,
     noise,
     paper,
@@ -70,6 +71,7 @@ GROUPS = (
     noise,
     stress,
     tune,
+    folds,
 )
 """In the order of the help."""
 for group in GROUPS:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mottrack.cli.arguments import Config, Sweep
+from mottrack.cli.printed_tables import print_tables
 
 if TYPE_CHECKING:
     from mottrack.studies.tracker_noise import NoiseStudy
@@ -23,25 +24,42 @@ def register(app: typer.Typer) -> None:
     app.command("calibrate-errors")(calibrate_errors)
 
 
-def estimate_noise(config: Config, overrides: Sweep = None, *, out: Out) -> None:
+def estimate_noise(
+    config: Config,
+    overrides: Sweep = None,
+    *,
+    out: Out,
+    innovations: Annotated[
+        bool,
+        typer.Option(
+            "--innovations",
+            help="scale the noise of x, y to the innovations: honest gates, since errors that "
+            "last are left out, and less than honest covariances of the tracks",
+        ),
+    ] = False,
+) -> None:
     """Estimate the Kalman tracker's noise (P0, Q, R by class, R_d of the flow) from truth.
 
     The file that is written is a tracker group: put it into a folder `tracker` beside your
-    experiment and name it there. A sweep over flow sources writes one file for each.
+    experiment and name it there. A sweep over flow sources writes one file for each. What the
+    detector finds and invents is counted and printed: probability of detection by range and
+    occlusion, clutter, and scores as probabilities.
 
     Example: mottrack estimate-noise demo flow=icp --out tracker/mine.yaml
     """
     from mottrack.core.storage import write_text
     from mottrack.experiment.experiment import load_experiments
+    from mottrack.studies.detector_model import counts_table, rate_table
     from mottrack.studies.tracker_noise import study_noise
 
     experiments = load_experiments(config, overrides or [])
     for experiment in experiments:
-        study = study_noise(experiment, _progress)
+        study = study_noise(experiment, _progress, innovations=innovations)
         name = f"{out.stem}-{experiment.variant}{out.suffix}" if len(experiments) > 1 else out.name
         file = out.with_name(name)
         write_text(file, _yaml(study))
         typer.echo(_table(study))
+        print_tables([counts_table(study.detector), rate_table(study.detector)])
         typer.echo(f"noise:  {file}\n")
 
 

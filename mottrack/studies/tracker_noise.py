@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from mottrack.core.errors import ConfigError
-from mottrack.core.interfaces import Scene
-from mottrack.core.objects import Objects, Tracks, Truth
 from mottrack.experiment.experiment import Experiment
-from mottrack.pipeline.stream import Pipeline
-from mottrack.runs.runner import scene_names
+from mottrack.studies.consistency import NIS_XY, Errors, measure
+from mottrack.studies.detector_model import ClassCounts, count
+from mottrack.studies.tuning.recorded import OnScene, RecordedScene, record
 from mottrack.trackers.kalman.config import KalmanConfig, merged
-from mottrack.trackers.kalman.tracker import KalmanTracker
-from mottrack.trackers.noise_estimation.consistency import Consistency, consistency, nees
+from mottrack.trackers.noise_estimation.consistency import Consistency
 from mottrack.trackers.noise_estimation.estimate import (
     ClassEstimate,
     VelocityEstimate,
@@ -25,7 +21,10 @@ from mottrack.trackers.noise_estimation.estimate import (
 )
 from mottrack.trackers.noise_estimation.samples import SampleCollector
 
-OnScene = Callable[[str, int, int], None]
+LEAST_INNOVATIONS = 100
+"""Of a class whose noise is scaled: the mean of fewer squares is off by more than a seventh."""
+PLANAR = (0, 1, 7, 8)
+"""x, y, d_x, d_y in the tables of the noise."""
 
 
 @dataclass(frozen=True)
@@ -42,33 +41,27 @@ class NoiseStudy:
     """NIS and NEES with the noise of the experiment."""
     after: dict[str, Consistency]
     """NIS and NEES with the estimated noise."""
+    detector: dict[str, ClassCounts]
+    """What the detector finds and invents, by class."""
 
 
-class TruthFrame(NamedTuple):
-    """Input of the tracker at a key frame, with its truth."""
+class Estimated(NamedTuple):
+    """Noise from scenes with truth."""
 
-    objects: Objects
-    truth: Truth
-
-
-@dataclass
-class _InputRecorder:
-    """Takes the tracker's place in the pipeline and keeps its last input."""
-
-    objects: Objects | None = None
-
-    def step(self, stamp_ns: int, objects: Objects) -> Tracks:
-        """Keep the objects; return no tracks."""
-        self.objects = objects
-        return Tracks.empty(stamp_ns)
+    classes: dict[str, ClassEstimate]
+    velocity: VelocityEstimate | None
+    settings: dict[str, object]
 
 
-def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> NoiseStudy:
+def study_noise(
+    experiment: Experiment, on_scene: OnScene = lambda *_: None, *, innovations: bool = False
+) -> NoiseStudy:
     """Estimate R, P0, Q by class and R_d of the flow source, over all scenes of an experiment.
 
     Args:
         experiment: its tracker is the Kalman tracker.
         on_scene: is called with (name, done, total) after each scene.
+        innovations: scale the noise to the innovations (`estimate`).
 
     Raises:
         ConfigError: the tracker is not the Kalman tracker.
@@ -77,32 +70,55 @@ def study_noise(experiment: Experiment, on_scene: OnScene = lambda *_: None) -> 
     config = experiment.tracker.config
     if not isinstance(config, KalmanConfig):
         raise ConfigError(f"tracker is '{experiment.tracker.kind}', expected kalman")
-    dataset, names = experiment.dataset.make(), scene_names(experiment)
-    collector, scenes = SampleCollector(), []
-    for k, name in enumerate(names):
-        frames = list(truth_frames(experiment, dataset.scene(name)))
-        for objects, truth in frames:
-            collector.add(name, objects, truth)
-        scenes.append(frames)
-        on_scene(name, k + 1, len(names))
+    scenes = record(experiment, on_scene)
+    found = estimate(scenes, config, innovations=innovations)
+    before, after = (
+        # noise per frame has no law in seconds
+        {} if one.time == "frames" else measure(scenes, one).summary()
+        for one in (config, KalmanConfig.model_validate(found.settings))
+    )
+    return NoiseStudy(*found, before, after, count(scenes))
+
+
+def estimate(
+    scenes: Sequence[RecordedScene], config: KalmanConfig, *, innovations: bool = False
+) -> Estimated:
+    """Estimate the noise over scenes; the settings are `config` with it.
+
+    A detector's errors last: a box is drawn too far ahead frame after frame, and the vehicle's pose
+    errs slowly. They are in the differences to the truth and not in those from step to step, so
+    with the noise of the former the innovations are smaller than stated. With `innovations` the
+    variances of x and y are scaled by class to the mean square of the innovations (covariance
+    matching; Mehra, 1972): the gate is then as wide as it says, the gains, which depend on ratios
+    of variances, are the same, and the published covariance leaves out what lasts.
+
+    Raises:
+        InputError: there is too little truth to estimate from.
+    """
+    collector = SampleCollector()
+    for scene in scenes:
+        for objects, truth in scene.truth_frames():
+            collector.add(scene.result.name, objects, truth)
     pairs = collector.samples()
     classes, velocity = estimate_noise(pairs), estimate_velocity_noise(pairs)
-    settings = _settings(classes, velocity, config)
-    before, after = (
-        _consistency(scenes, one) for one in (config, KalmanConfig.model_validate(settings))
-    )
-    return NoiseStudy(classes, velocity, settings, before, after)
+    if innovations:
+        errors = measure(scenes, KalmanConfig.model_validate(_settings(classes, velocity, config)))
+        classes = {label: _scaled(one, errors, label) for label, one in classes.items()}
+    return Estimated(classes, velocity, _settings(classes, velocity, config))
 
 
-def truth_frames(experiment: Experiment, scene: Scene) -> Iterator[TruthFrame]:
-    """Yield the tracker's input at each key frame that has truth."""
-    pipeline, recorder = Pipeline(experiment), _InputRecorder()
-    pipeline.tracker = recorder
-    for index in range(len(scene)):
-        frame = scene.frame(index)
-        pipeline.step(frame, scene.sweep(index) if pipeline.needs_sweeps else None)
-        if frame.is_key and frame.truth is not None and recorder.objects is not None:
-            yield TruthFrame(recorder.objects, frame.truth)
+def _scaled(estimate: ClassEstimate, errors: Errors, label: str) -> ClassEstimate:
+    found = errors.summary(label)[NIS_XY]
+    if found.count < LEAST_INNOVATIONS:
+        return estimate
+    noise, factor = estimate.noise, found.mean_ratio
+    tables = {
+        name: tuple(
+            value * (factor if k in PLANAR else 1.0) for k, value in enumerate(getattr(noise, name))
+        )
+        for name in ("observation", "initial", "process")
+    }
+    return replace(estimate, noise=noise.model_copy(update=tables))
 
 
 def _settings(
@@ -114,20 +130,3 @@ def _settings(
         known = velocity.class_variance_m2ps2 | {"all": velocity.variance_m2ps2}
         changes["velocity"] = {"noise": "class", "class_variance": known}
     return merged(config.model_dump(exclude_unset=True), changes)
-
-
-def _consistency(scenes: list[list[TruthFrame]], config: KalmanConfig) -> dict[str, Consistency]:
-    """Run the tracker over all scenes and test NIS and NEES; nothing for noise per frame."""
-    if config.time == "frames":
-        return {}
-    errors, innovations = [np.empty(0)], [np.empty(0)]
-    for frames in scenes:
-        tracker = KalmanTracker(config.model_copy(update={"diagnose": True}))
-        for objects, truth in frames:
-            tracks = tracker.step(objects.stamp_ns, objects)
-            innovations.append(tracker.nis)
-            errors.append(nees(tracks, truth))
-    return {
-        "NIS of the box": consistency(np.concatenate(innovations), 7),
-        "NEES of x, y, d_x, d_y": consistency(np.concatenate(errors), 4),
-    }

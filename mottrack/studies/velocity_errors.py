@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,14 +13,12 @@ from mottrack.core.objects import Objects, Truth
 from mottrack.core.storage import write_text
 from mottrack.core.velocity_errors import VelocityErrorModel, read_error_models
 from mottrack.experiment.experiment import Experiment
-from mottrack.runs.runner import scene_names
-from mottrack.studies.tracker_noise import truth_frames
+from mottrack.studies.tuning.recorded import OnScene, record
 from mottrack.trackers.noise_estimation.error_model import VelocitySample, fit_error_model
 from mottrack.trackers.noise_estimation.samples import match_truth
 
 SCENE_IDS = 2**40
 """Identities are counted or hashed to 32 bits: those of different scenes stay apart."""
-OnScene = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -44,14 +41,17 @@ def study_errors(experiment: Experiment, on_scene: OnScene = lambda *_: None) ->
         InputError: too few velocities were measured.
         DataError: no frame has truth.
     """
-    dataset, names = experiment.dataset.make(), scene_names(experiment)
-    parts = []
-    for k, name in enumerate(names):
-        frames = truth_frames(experiment, dataset.scene(name))
-        parts += [part for frame in frames if (part := _sample(*frame, first=k * SCENE_IDS))]
-        on_scene(name, k + 1, len(names))
+    scenes = record(experiment, on_scene)
+    parts = [
+        part
+        for k, scene in enumerate(scenes)
+        for frame in scene.truth_frames()
+        if (part := _sample(*frame, first=k * SCENE_IDS))
+    ]
     if not parts:
-        raise DataError(Path(names[0]), "measured velocities", "none", "some of objects with truth")
+        raise DataError(
+            Path(scenes[0].result.name), "measured velocities", "none", "some of objects with truth"
+        )
     sample = VelocitySample.stacked(parts)
     source = experiment.flow.make(grid=experiment.settings.grid.grid())
     key = getattr(source, "errors_name", experiment.flow.kind)

@@ -109,8 +109,9 @@ def test_the_estimate_makes_an_honest_filter(frames: list[tuple[Objects, Truth]]
     errors, surprises = [], []
     for objects, truth in frames:
         tracks = tracker.step(objects.stamp_ns, objects.with_velocity(None))
-        surprises.append(tracker.nis)
-        errors.append(nees(tracks, truth))
+        assert tracker.innovations is not None
+        surprises.append(tracker.innovations.box)
+        errors.append(nees(tracks, truth).squared)
     # past the first steps and without the gross errors, which no honest filter expects
     surprise, error = np.concatenate(surprises[5:]), np.concatenate(errors[5:])
     assert 0.7 < consistency(surprise[surprise < 50], 7).mean_ratio < 1.2

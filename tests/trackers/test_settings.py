@@ -188,3 +188,32 @@ def test_every_metric_keeps_slow_cars_apart(metric: str, gate: float) -> None:
     tracker = KalmanTracker(Config(association=association))
     frames = [cars(0.1 * k, [0.2 * k, 8.0 - 0.2 * k, 30.0], [0.9] * 3) for k in range(12)]
     assert run(tracker, frames)[-1].id.tolist() == [1, 2, 3]
+
+
+def test_a_duplicate_nearer_by_does_not_take_a_track() -> None:
+    """Of two detections inside the gate the stronger one goes on; the gate asks no score."""
+    frames = [cars(0.1 * k, [0.0], [0.9]) for k in range(8)]
+    both = [*frames, cars(0.8, [0.1, 3.2], [0.2, 0.9])]
+    without_nms = {"nms": {"enabled": False}}
+    for weight, nearest in ((0.0, 0.1), (0.75, 0.1)):
+        far = run(KalmanTracker(Config(association={"score_weight": weight}, **without_nms)), both)
+        assert far[-1].centre_m[far[-1].id == 1, 0] == pytest.approx(nearest, abs=0.2)
+    near = [*frames, cars(0.8, [0.10, 0.25], [0.2, 0.9])]
+    for weight, score in ((0.0, 0.2), (0.75, 0.9)):
+        config = Config(association={"score_weight": weight}, **without_nms)
+        last = run(KalmanTracker(config), near)[-1]
+        trust = 9 / (9 + 2 * config.track_management.prior_misses)
+        assert last.score[last.id == 1] == pytest.approx(
+            score * config.track_management.p_present * trust
+        )
+
+
+def test_detections_in_quick_succession_count_as_few() -> None:
+    """Five in half a second rank as one would: false alarms repeat themselves as well."""
+    rule = {"independent_s": 0.5}
+    quick = run(
+        KalmanTracker(Config(track_management=rule)),
+        [cars(0.1 * k, [0.0], [0.8]) for k in range(5)],
+    )
+    slow = run(KalmanTracker(Config(track_management=rule)), [cars(0.0, [0.0], [0.8])])
+    assert quick[-1].score[0] == pytest.approx(slow[-1].score[0])

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import OfflineTracker, Scene
-from mottrack.core.objects import Objects, Tracks
+from mottrack.core.objects import Objects, Tracks, Truth
 from mottrack.core.result import SceneResult
 from mottrack.core.tables import FlowSamples, FrameTable, TrackTable, TruthTable
 from mottrack.experiment.experiment import Experiment
@@ -20,6 +21,13 @@ from mottrack.runs.runner import scene_names
 OnScene = Callable[[str, int, int], None]
 
 
+class TruthFrame(NamedTuple):
+    """Input of the tracker at a key frame, with its truth."""
+
+    objects: Objects
+    truth: Truth
+
+
 @dataclass(frozen=True)
 class RecordedScene:
     """The objects of every key frame of a scene, with the truth that scores the tracks."""
@@ -28,6 +36,16 @@ class RecordedScene:
     """Without tracks."""
     objects: tuple[Objects, ...]
     """Per key frame; world frame, with measured velocities if there is a flow source."""
+
+    def truth_frames(self) -> Iterator[TruthFrame]:
+        """Yield what the tracker receives at each annotated key frame, with the truth."""
+        table = self.result.truth
+        names = [name for name in TruthTable.COLUMNS if name != "frame"]
+        for k, objects in enumerate(self.objects):
+            if self.result.frames.annotated[k]:
+                rows = table.select(np.flatnonzero(table.frame == k))
+                columns = {name: getattr(rows, name) for name in names}
+                yield TruthFrame(objects, Truth(stamp_ns=objects.stamp_ns, **columns))
 
     def tracked(self, tracker: Part) -> SceneResult:
         """Return the result of a new tracker over the scene."""

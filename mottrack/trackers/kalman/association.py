@@ -119,7 +119,9 @@ def _mahalanobis_cost(
     S = H P H' + R is taken block by block: (x, y), the numbers of `config.components`, and where
     a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or, where the clutter
     density is known, -2 ln p(x, y | track): a track with a wide covariance does not take what a
-    certain one explains better, and a pair less likely than clutter is refused.
+    certain one explains better, and a pair less likely than clutter is refused. Of several
+    detections near a track, the evidence of their scores counts with `score_weight`: a duplicate or
+    a false alarm beside an object does not take its track. The gate goes by position alone.
     """
     first, end = COMPARED[config.components]
     compared = Compared(first, end, _velocity_limit(config))
@@ -129,7 +131,8 @@ def _mahalanobis_cost(
         distance = distance.astype(np.float32).astype(np.float64)
     if config.clutter_density_per_m2 is None:
         return distance, distance
-    return np.where(nll > seen.nll_gate[pairs[0]], np.inf, distance), nll
+    allowed = np.where(nll > seen.nll_gate[pairs[0]], np.inf, distance)
+    return allowed, nll - 2.0 * config.score_weight * seen.evidence[pairs[0]]
 
 
 def _velocity_limit(config: AssociationConfig) -> float:
@@ -141,10 +144,26 @@ def _velocity_limit(config: AssociationConfig) -> float:
     return (config.velocity_limit or np.inf) ** 2
 
 
-def innovation_squared(seen: Detections, tracks: Predicted, pairs: Pairs) -> F64:
-    """Return the NIS of the box, r' S^-1 r (P,) over all seven numbers, to test consistency."""
-    compared = Compared(*COMPARED["box"], -1.0)
-    return pair_terms(pairs, *_kernel_arguments(seen, tracks), compared)[0]
+@dataclass(frozen=True, slots=True)
+class Innovations:
+    """Normalised squared innovations r' S^-1 r of P matched detections, to test consistency."""
+
+    box: F64
+    """(P,) of all seven numbers of the box."""
+    xy: F64
+    """(P,) of x and y."""
+    source: I64
+    """(P,) row of the detection in the objects handed over."""
+
+
+def innovations(seen: Detections, tracks: Predicted, pairs: Pairs) -> Innovations:
+    """Return the normalised squared innovations of pairs of detection and track."""
+    arguments = _kernel_arguments(seen, tracks)
+    box, xy = (
+        pair_terms(pairs, *arguments, Compared(*COMPARED[which], -1.0))[0]
+        for which in ("box", "xy")
+    )
+    return Innovations(box, xy, seen.source[pairs[0]])
 
 
 def _kernel_arguments(seen: Detections, tracks: Predicted) -> tuple[Observed, Expected]:

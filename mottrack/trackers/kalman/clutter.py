@@ -36,19 +36,27 @@ class ClutterDensity:
             labels: names of the class indices.
             area_m2: area that this step's detections span.
         """
+        density = self.average_per_m2(labels, area_m2)
+        if density is None:
+            return np.full(len(labels), np.inf)
+        if self._config.estimate_clutter:
+            density = density * self._config.clutter_concentration
+        gate: F64 = -2.0 * np.log(density)
+        return gate
+
+    def average_per_m2(self, labels: list[str], area_m2: float) -> F64 | None:
+        """Return lambda of each class (C,) without the concentration; None where it is not used."""
         config = self._config
         default = config.clutter_density_per_m2
         if default is None:
-            return np.full(len(labels), np.inf)
+            return None
         by_class = config.class_clutter_density_per_m2
         density = np.array([by_class.get(name, default) for name in labels])
         if config.estimate_clutter:
             prior_m2 = config.clutter_prior_frames * area_m2
             count = np.append(self._count, np.zeros(len(labels) - len(self._count)))
             density = (count + density * prior_m2) / (self._area_m2 + prior_m2)
-            density *= config.clutter_concentration
-        gate: F64 = -2.0 * np.log(density)
-        return gate
+        return density
 
     def record(self, label: I64, classes: int, area_m2: float) -> None:
         """Count the detections (n,) of a step that no track took; `label` are class indices."""

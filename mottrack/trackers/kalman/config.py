@@ -200,6 +200,9 @@ class AssociationConfig(StrictModel):
     clutter_concentration: float = Field(
         3.0, gt=0, description="density around an object over the average: objects stand in groups"
     )
+    score_weight: float = Field(
+        0.0, ge=0, description="of the score's log-odds in the likelihood of a pair"
+    )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
     velocity_limit: float | None = Field(
         None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"
@@ -250,7 +253,7 @@ class KalmanConfig(StrictModel):
     smooth: bool = Field(
         False, description="smooth finished tracks backwards and fill their gaps: for labels"
     )
-    diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.nis`")
+    diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.innovations`")
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
     velocity: VelocityConfig = Field(default_factory=VelocityConfig)
@@ -317,6 +320,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             # 20 new road users of a class on 100 m x 100 m: a prior that five frames replace
             "clutter_density_per_m2": 0.002,
             "estimate_clutter": True,
+            "score_weight": 0.75,
         },
         "nms": {"enabled": True},
         "track_management": {"rule": "existence", "max_misses": 5, "max_coast_s": 6.0},

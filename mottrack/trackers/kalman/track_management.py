@@ -34,6 +34,7 @@ EXISTENCE = {
     "min_presence",
     "misses_per_hit",
     "prior_misses",
+    "independent_s",
 }
 """Settings that one rule alone reads."""
 
@@ -85,6 +86,12 @@ class TrackManagementConfig(StrictModel):
     prior_misses: float = Field(
         1.0, ge=0, description="existence: the score counts h hits as h / (h + prior_misses)"
     )
+    independent_s: float = Field(
+        0.2,
+        ge=0,
+        description="existence: a detection so long after the last one counts as one hit in the "
+        "score, a step of a part of it as that part: false alarms repeat, too",
+    )
 
     @model_validator(mode="after")
     def _check_rule(self) -> Self:
@@ -106,6 +113,7 @@ class TrackManagement:
         self._freezes = config.undetected_classes == "freeze"
         self._steps = np.zeros(0, np.int64)
         self._min_hits = config.min_hits
+        self._elapsed_s = 1.0
 
     def active(self, label: I64, present: I64) -> Mask:
         """Return which tracks take part in a step with detections of the classes `present`."""
@@ -197,6 +205,7 @@ class ExistenceManagement(TrackManagement):
     def begin(self, tracks: TrackRows, present: I64, classes: int, elapsed_s: float) -> None:
         """Begin a step: every track is missed, until a detection makes it present."""
         config = self._config
+        self._elapsed_s = elapsed_s
         tracks.misses += 1
         tracks.source[:] = -1
         presence = tracks.presence * np.exp(-elapsed_s / config.mean_life_s)
@@ -218,7 +227,9 @@ class ExistenceManagement(TrackManagement):
     @override
     def score(self, tracks: TrackRows, stamp_ns: int) -> F64:
         """Return the score of every track, by presence and number of detections."""
-        trust = tracks.presence * tracks.hits / (tracks.hits + self._config.prior_misses)
+        config = self._config
+        prior = config.prior_misses * max(1.0, config.independent_s / self._elapsed_s)
+        trust = tracks.presence * tracks.hits / (tracks.hits + prior)
         return tracks.score - (1.0 - trust) * np.abs(tracks.score)
 
 

@@ -13,16 +13,22 @@ from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
 from mottrack.core.velocity_errors import NO_OUTLIERS
 from mottrack.trackers.kalman.association import (
+    Innovations,
     Predicted,
     associate,
     heading_residual,
-    innovation_squared,
+    innovations,
 )
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.block_bank import planar_covariance
-from mottrack.trackers.kalman.clutter import ClutterDensity, spanned_area_m2
+from mottrack.trackers.kalman.clutter import MIN_AREA_M2, ClutterDensity, spanned_area_m2
 from mottrack.trackers.kalman.config import KalmanConfig
-from mottrack.trackers.kalman.detections import Detections, error_model_of, observations_of
+from mottrack.trackers.kalman.detections import (
+    Detections,
+    ScoreEvidence,
+    error_model_of,
+    observations_of,
+)
 from mottrack.trackers.kalman.heading import DetectedHeadings, Headings
 from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
@@ -62,11 +68,12 @@ class KalmanTracker:
         self._test = make_test(self.config)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
+        self._evidence = ScoreEvidence()
         self._hulls = LastHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
-        self.nis: F64 = np.empty(0)
-        """Normalised squared innovations of the last step's boxes, 7 numbers each (`diagnose`)."""
+        self.innovations: Innovations | None = None
+        """Of the last step, with `diagnose`."""
 
     def step(self, stamp_ns: int, objects: Objects) -> Tracks:
         """Advance to `stamp_ns` with this step's objects (world frame) and return the tracks.
@@ -86,7 +93,8 @@ class KalmanTracker:
         seen = observations_of(objects, self.config, self._table, self.law)
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
-        seen = replace(seen, nll_gate=gates[seen.label])
+        evidence = self._evidence.of(seen.score)
+        seen = replace(seen, nll_gate=gates[seen.label], evidence=evidence)
         first, self._stamp_ns = self._stamp_ns is None, stamp_ns
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
@@ -126,6 +134,15 @@ class KalmanTracker:
         """Return a warning if the measured velocities were given little weight so far."""
         return self._test.concern()
 
+    def clutter_per_m2(self) -> dict[str, float]:
+        """Return the density of detections that no track explains, by class, as estimated so far.
+
+        Empty where the association does not use it.
+        """
+        labels = self._table.labels
+        density = self._clutter.average_per_m2(labels, MIN_AREA_M2)
+        return {} if density is None else dict(zip(labels, density.tolist(), strict=True))
+
     def _elapsed_s(self, stamp_ns: int) -> float:
         if self._stamp_ns is None:
             return self.config.frame_s if self.config.time == "frames" else 1.0
@@ -149,7 +166,7 @@ class KalmanTracker:
             tracks = tracks.select(active)
         rows, columns = associate(seen, tracks, self.config, self._table.labels)
         if self.config.diagnose:
-            self.nis = innovation_squared(seen, tracks, (columns, rows))
+            self.innovations = innovations(seen, tracks, (columns, rows))
         return active[rows], columns
 
     def _update(self, rows: I64, columns: I64, seen: Detections, elapsed_s: float) -> None:

@@ -7,10 +7,11 @@ chi-square law whose mean is the number of components (Bar-Shalom, Li and Kiruba
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from mottrack.core.arrays import F64
+from mottrack.core.arrays import F64, Texts
 from mottrack.core.objects import Tracks, Truth
 from mottrack.trackers.kalman.state import XY_VELOCITY
 from mottrack.trackers.noise_estimation.samples import match_truth
@@ -41,8 +42,17 @@ def consistency(squared: F64, components: int) -> Consistency:
     )
 
 
-def nees(tracks: Tracks, truth: Truth) -> F64:
-    """Return the normalised squared error (N,) of (x, y, d_x, d_y) of tracks that match the truth.
+class StateErrors(NamedTuple):
+    """Normalised squared errors of N tracks, and their classes."""
+
+    squared: F64
+    """(N,)"""
+    label: Texts
+    """(N,)"""
+
+
+def nees(tracks: Tracks, truth: Truth) -> StateErrors:
+    """Return the normalised squared errors of (x, y, d_x, d_y) of tracks that match the truth.
 
     `tracks` carry the state of a Kalman tracker in seconds; only truth of known velocity counts.
     """
@@ -54,4 +64,4 @@ def nees(tracks: Tracks, truth: Truth) -> F64:
     error = seen.state[i][:, XY_VELOCITY] - true
     spread = seen.covariance[i][:, np.array(XY_VELOCITY)[:, None], XY_VELOCITY]
     solved = np.linalg.solve(spread, error[:, :, None])[:, :, 0]
-    return np.asarray(np.einsum("nd,nd->n", error, solved))
+    return StateErrors(np.sum(error * solved, axis=1), seen.label[i])
