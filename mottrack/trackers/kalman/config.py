@@ -227,6 +227,17 @@ class SecondStageConfig(StrictModel):
     association: AssociationConfig = Field(default_factory=AssociationConfig)
 
 
+class OfflineConfig(StrictModel):
+    """What a finished scene's tracks get beyond smoothing (`trackers.kalman.offline`)."""
+
+    enabled: bool = Field(False, description="for labels: smooth, and apply the settings below")
+    link: bool = Field(True, description="join tracklets of one object across gaps")
+    vote_sizes: bool = Field(True, description="one size a track, the weighted median of all")
+    remove_ghosts: bool = Field(
+        True, description="drop tracks that are more likely false, by length and scores"
+    )
+
+
 class NmsConfig(StrictModel):
     """Non-maximum suppression before tracking."""
 
@@ -253,6 +264,7 @@ class KalmanConfig(StrictModel):
     smooth: bool = Field(
         False, description="smooth finished tracks backwards and fill their gaps: for labels"
     )
+    offline: OfflineConfig = Field(default_factory=OfflineConfig)
     diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.innovations`")
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
@@ -266,8 +278,9 @@ class KalmanConfig(StrictModel):
 
     @model_validator(mode="after")
     def _check_smoothing(self) -> Self:
-        if self.smooth and self.time == "frames":
-            raise ValueError("smooth needs time in seconds, not frames")
+        if (self.smooth or self.offline.enabled) and self.time == "frames":
+            name = "smooth" if self.smooth else "offline"
+            raise ValueError(f"{name} needs time in seconds, not frames")
         return self
 
     @model_validator(mode="before")

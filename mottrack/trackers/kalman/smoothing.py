@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,38 +14,10 @@ from mottrack.core.objects import Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
 from mottrack.trackers.kalman.association import heading_residual
-from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.config import KalmanConfig, StandingConfig
 from mottrack.trackers.kalman.noise import NoiseTable, process_covariance
-from mottrack.trackers.kalman.state import (
-    POSE,
-    RATE,
-    SIZE,
-    SMALLEST_SIZE_M,
-    STATE_SIZE,
-    VELOCITY,
-    YAW,
-)
-
-
-class _Estimate(NamedTuple):
-    """State of a track at a step."""
-
-    step: int
-    mean: F64
-    """(11,)"""
-    covariance: F64
-    """(11, 11)"""
-    observed: bool
-
-
-class _Track(NamedTuple):
-    """One identity, from its first detection to its last."""
-
-    identity: int
-    label: str
-    score: float
-    """Mean over its published rows."""
-    estimates: list[_Estimate]
+from mottrack.trackers.kalman.state import POSE, RATE, STATE_SIZE, YAW
+from mottrack.trackers.kalman.tracklets import Estimate, Tracklet, collected, tracklets_of
 
 
 def smooth(steps: Sequence[Tracks], config: KalmanConfig | None = None) -> list[Tracks]:
@@ -62,41 +34,29 @@ def smooth(steps: Sequence[Tracks], config: KalmanConfig | None = None) -> list[
     Raises:
         ConfigError: the tracker counts in frames, whose length the smoother does not know.
     """
-    config = config or KalmanConfig()
-    if config.time == "frames":
-        raise ConfigError("smoothing needs time in seconds, not frames")
-    stamps_ns = np.array([step.stamp_ns for step in steps], np.int64)
-    table = NoiseTable(config.noise)
-    rows: list[list[_Row]] = [[] for _ in steps]
-    for track in _tracks_of(steps):
-        process = table.process(table.index(np.array([track.label])))
-        model = _Model(process, stamps_ns, config.noise.form == "wiener")
-        for estimate in model.smoothed(model.with_gaps_filled(track.estimates)):
-            rows[estimate.step].append(_Row(track, estimate))
-    return [_collect(step, found) for step, found in zip(steps, rows, strict=True)]
+    motions = Motions(steps, config or KalmanConfig())
+    return collected(steps, [motions.of(t.label).smoothed(t) for t in tracklets_of(steps)])
 
 
-def _tracks_of(steps: Sequence[Tracks]) -> list[_Track]:
-    places: dict[int, list[tuple[int, int]]] = {}
-    for k, step in enumerate(steps):
-        for row, identity in enumerate(step.id.tolist()):
-            places.setdefault(identity, []).append((k, row))
-    tracks = []
-    for identity, found in places.items():
-        while len(found) > 1 and not steps[found[-1][0]].observed[found[-1][1]]:
-            found.pop()
-        estimates = [
-            _Estimate(k, steps[k].state[i], steps[k].covariance[i], bool(steps[k].observed[i]))
-            for k, i in found
-        ]
-        score = float(np.mean([steps[k].score[i] for k, i in found]))
-        first, row = found[0]
-        tracks.append(_Track(identity, str(steps[first].label[row]), score, estimates))
-    return tracks
+class Motions:
+    """Motion models of the classes over the steps of a scene."""
+
+    def __init__(self, steps: Sequence[Tracks], config: KalmanConfig) -> None:
+        if config.time == "frames":
+            raise ConfigError("smoothing needs time in seconds, not frames")
+        self._stamps_ns = np.array([step.stamp_ns for step in steps], np.int64)
+        self._table = NoiseTable(config.noise)
+        self._config = config
+
+    def of(self, label: str) -> Motion:
+        """Return the model of a class."""
+        process = self._table.process(self._table.index(np.array([label])))
+        wiener = self._config.noise.form == "wiener"
+        return Motion(process, self._stamps_ns, wiener, self._config.standing)
 
 
 @dataclass(frozen=True)
-class _Model:
+class Motion:
     """Constant velocity of one class over the steps of a scene."""
 
     process: F64
@@ -104,26 +64,39 @@ class _Model:
     stamps_ns: I64
     """(T,) of the steps."""
     wiener: bool
+    standing: StandingConfig
 
-    def _predict(self, estimate: _Estimate, step: int) -> tuple[_Estimate, F64]:
-        """Return the estimate carried to a later step, and the transition F (11, 11)."""
+    def predicted(self, estimate: Estimate, step: int) -> tuple[Estimate, F64]:
+        """Return the estimate carried to another step, and the transition F (11, 11).
+
+        To an earlier step F is the inverse, and the same noise is added.
+        """
         dt_s = seconds_between(int(self.stamps_ns[estimate.step]), int(self.stamps_ns[step]))
         transition = np.eye(STATE_SIZE)
         transition[POSE, RATE] = dt_s * np.eye(4)
-        growth = process_covariance(self.process, np.array([dt_s]), self.wiener)[0]
+        growth = process_covariance(self.process, np.array([abs(dt_s)]), self.wiener)[0]
+        if dt_s < 0:
+            growth[POSE, RATE] *= -1.0
+            growth[RATE, POSE] *= -1.0
         covariance = transition @ estimate.covariance @ transition.T + growth
-        return _Estimate(step, transition @ estimate.mean, covariance, observed=False), transition
+        mean, moving = transition @ estimate.mean, estimate.p_moving
+        return Estimate(step, mean, covariance, False, 0.0, moving), transition
 
-    def with_gaps_filled(self, estimates: list[_Estimate]) -> list[_Estimate]:
+    def smoothed(self, tracklet: Tracklet) -> Tracklet:
+        """Return the tracklet at every step of its span, each state given all its detections."""
+        filled = self._with_gaps_filled(tracklet.estimates)
+        return tracklet._replace(estimates=self._smoothed(filled))
+
+    def _with_gaps_filled(self, estimates: list[Estimate]) -> list[Estimate]:
         """Return the estimates with a prediction at every step in between that has none."""
         filled = [estimates[0]]
         for following in estimates[1:]:
             for step in range(filled[-1].step + 1, following.step):
-                filled.append(self._predict(filled[-1], step)[0])
+                filled.append(self.predicted(filled[-1], step)[0])
             filled.append(following)
         return filled
 
-    def smoothed(self, estimates: list[_Estimate]) -> list[_Estimate]:
+    def _smoothed(self, estimates: list[Estimate]) -> list[Estimate]:
         """Return every estimate given all later ones as well.
 
         C = P F' (F P F' + Q)^-1, x^s = x + C (x^s_next - F x), P^s = P + C (P^s_next - P_next) C'.
@@ -133,41 +106,26 @@ class _Model:
         smoothed = [estimates[-1]]
         for estimate in reversed(estimates[:-1]):
             later = smoothed[-1]
-            predicted, transition = self._predict(estimate, later.step)
+            predicted, transition = self.predicted(estimate, later.step)
             gain = np.linalg.solve(predicted.covariance, transition @ estimate.covariance).T
             offset = later.mean - predicted.mean
             offset[YAW] = heading_residual(offset[YAW])
             mean = estimate.mean + gain @ offset
             mean[YAW] = wrap_angle(mean[YAW])
             spread = estimate.covariance + gain @ (later.covariance - predicted.covariance) @ gain.T
-            smoothed.append(estimate._replace(mean=mean, covariance=0.5 * (spread + spread.T)))
+            moving = self._smoothed_moving(estimate, later)
+            symmetric = 0.5 * (spread + spread.T)
+            smoothed.append(estimate._replace(mean=mean, covariance=symmetric, p_moving=moving))
         return smoothed[::-1]
 
-
-class _Row(NamedTuple):
-    """A smoothed estimate at one step, and the track that it belongs to."""
-
-    track: _Track
-    estimate: _Estimate
-
-
-def _collect(step: Tracks, rows: list[_Row]) -> Tracks:
-    if not rows:
-        return Tracks.empty(step.stamp_ns, step.frame, STATE_SIZE)
-    state = np.array([estimate.mean for _, estimate in rows])
-    covariance = np.array([estimate.covariance for _, estimate in rows])
-    return Tracks(
-        stamp_ns=step.stamp_ns,
-        frame=step.frame,
-        centre_m=state[:, :3],
-        size_m=np.maximum(state[:, SIZE], SMALLEST_SIZE_M),
-        yaw_rad=state[:, YAW],
-        label=np.array([track.label for track, _ in rows]),
-        id=np.array([track.identity for track, _ in rows]),
-        score=np.array([track.score for track, _ in rows]),
-        velocity_mps=state[:, VELOCITY],
-        velocity_covariance_m2ps2=covariance[:, VELOCITY, VELOCITY],
-        state=state,
-        covariance=covariance,
-        observed=np.array([estimate.observed for _, estimate in rows]),
-    )
+    def _smoothed_moving(self, estimate: Estimate, later: Estimate) -> float:
+        """Return the probability of moving given the later step's: a chain of two states."""
+        dt_s = seconds_between(*self.stamps_ns[[estimate.step, later.step]].tolist())
+        start = 1.0 - math.exp(-self.standing.start_per_s * dt_s)
+        stop = 1.0 - math.exp(-self.standing.stop_per_s * dt_s)
+        moving = estimate.p_moving
+        expected = moving * (1.0 - stop) + (1.0 - moving) * start
+        if expected in (0.0, 1.0):
+            return moving
+        ratio, other = later.p_moving / expected, (1.0 - later.p_moving) / (1.0 - expected)
+        return min(moving * ((1.0 - stop) * ratio + stop * other), 1.0)

@@ -122,13 +122,17 @@ class KalmanTracker:
         return published
 
     def finish(self, steps: list[Tracks]) -> list[Tracks]:
-        """Return the tracks of a finished scene: smoothed if `smooth` is set, else unchanged."""
-        if not self.config.smooth:
-            return steps
-        # only for those who smooth: it imports this package's parts
-        from mottrack.trackers.kalman.smoothing import smooth
+        """Return the tracks of a finished scene as `smooth` and `offline` ask; else unchanged."""
+        # only for those who ask: they import this package's parts
+        if self.config.offline.enabled:
+            from mottrack.trackers.kalman.offline import labels
 
-        return smooth(steps, self.config)
+            return labels(steps, self.config)
+        if self.config.smooth:
+            from mottrack.trackers.kalman.smoothing import smooth
+
+            return smooth(steps, self.config)
+        return steps
 
     def velocity_concern(self) -> Concern | None:
         """Return a warning if the measured velocities were given little weight so far."""
