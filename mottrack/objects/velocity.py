@@ -61,7 +61,8 @@ def measure_velocity(
     mean = sum w v / sum w over the occupied and valid cells whose centre is inside the footprint
     (the box, or the hull of a cluster);
     covariance = (spread of the cells) / (effective number) + (mean of the source's own
-    covariance) + floor. Boxes without enough such cells are masked.
+    covariance) + floor. The spread of few cells is drawn towards that of the other objects, and
+    boxes without enough cells are masked.
 
     Args:
         field: flow, in the current ego frame.

@@ -172,3 +172,27 @@ def test_the_covariance_of_section_5b() -> None:
     np.testing.assert_allclose(
         of_network.covariance_m2ps2[0], np.cov(cells.T, aweights=shares, bias=True), rtol=1e-4
     )
+
+
+def test_the_covariance_of_few_cells_is_that_of_the_noise():
+    """Of cells with independent noise, whose spread one or two cells do not show by themselves."""
+    sigma_mps, rng = 2.0, np.random.default_rng(6)
+    noise = rng.normal(0.0, sigma_mps, (*GRID.shape, 2))
+    centres = np.stack(np.meshgrid(np.arange(-40.0, 40, 4), np.arange(-40.0, 40, 4)), -1)
+    small = boxes(centres.reshape(-1, 2), np.zeros(400), size=(0.2, 0.2, 1.0))
+    large = boxes(centres.reshape(-1, 2)[:40] + 2.0, np.zeros(40), size=(2.0, 2.0, 1.5))
+    both = replace(
+        small,
+        **{
+            name: np.concatenate([getattr(small, name), getattr(large, name)])
+            for name in ("centre_m", "size_m", "yaw_rad", "label", "score")
+        },
+    )
+    measured = measure_velocity(field(lambda _: noise), both, VelocityConfig(correlated_cells=1.0))
+    for rows in (slice(None, 400), slice(400, None)):
+        mean, covariance = measured.mean_mps[rows], measured.covariance_m2ps2[rows]
+        stated = np.trace(covariance, axis1=1, axis2=2).mean()
+        assert stated == pytest.approx((mean**2).sum(axis=1).mean(), rel=0.25)
+        squared = np.einsum("ni,nij,nj->n", mean, np.linalg.inv(covariance), mean)
+        # 1 % of a normal law; of estimated covariances a little more
+        assert (squared > 9.2).mean() < 0.06

@@ -96,10 +96,10 @@ class ToyDataset:
 
 
 class ConstantFlow(FlowSourceBase):
-    """Measures 10 m/s along x wherever the sweep has a point."""
+    """Measures one speed along x wherever the sweep has a point: the true one if not told else."""
 
-    def __init__(self, *, grid: BevGrid) -> None:
-        self.grid = grid
+    def __init__(self, speed_mps: float = SPEED_MPS, *, grid: BevGrid) -> None:
+        self.grid, self.speed_mps = grid, speed_mps
 
     def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         del past  # the velocity is constant
@@ -108,7 +108,7 @@ class ConstantFlow(FlowSourceBase):
         shape = grid.shape
         return FlowField(
             grid=grid,
-            velocity_mps=np.where(occupied[..., None], [SPEED_MPS, 0.0], 0.0),
+            velocity_mps=np.where(occupied[..., None], [self.speed_mps, 0.0], 0.0),
             covariance_m2ps2=np.tile(0.01 * np.eye(2), (*shape, 1, 1)),
             occupied=occupied,
             valid=occupied,

@@ -233,3 +233,16 @@ def test_what_a_reader_left_out_is_told_again_by_the_run(tmp_path: Path, progres
     assert not comparison.failed
     assert any("sweeps that are missing or empty: 1 in 1 scene" in text for text in run.concerns)
     assert "sweeps that are missing or empty" in "\n".join(closing_text(comparison))
+
+
+def test_a_flow_that_contradicts_the_tracks_is_told_once_by_its_name() -> None:
+    """Two cars at 10 m/s; the source reads 10, then 4 m/s, and states 0.1 m/s both times."""
+    tree = {"dataset": {"kind": "toy_plugins:ToyDataset", "scenes": ["a"], "frames": 30}}
+    tree |= {"tracker": "kalman", "score_flow": False}
+    for speed_mps, told in ((10.0, 0), (4.0, 1)):
+        flow = {"kind": "toy_plugins:ConstantFlow", "speed_mps": speed_mps}
+        (experiment,) = compose(tree | {"flow": flow}, [], HERE)
+        run = run_scene(experiment, experiment.dataset.make().scene("a"))
+        texts = [str(concern) for concern in run.result.concerns]
+        found = [text for text in texts if text.startswith("toy_plugins:ConstantFlow flow: ")]
+        assert len(found) == told, texts

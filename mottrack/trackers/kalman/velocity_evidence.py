@@ -83,19 +83,23 @@ def judge(
         before: what was known before this step.
     """
     failures, gain = before.failures, before.gain
-    nowhere = np.zeros((2, 2))
-    for sums in evidence[2:]:
-        for k in range(len(sums)):
-            sums[k] *= before.kept
+    _fade(evidence, before.kept)
+    # written over for each velocity: an array of its own would cost more than what is done with it
+    error, biased = np.empty(2), np.empty(2)
+    nowhere, at_zero, about = np.zeros((2, 2)), np.empty((2, 2)), np.empty((2, 2))
     for i in range(len(chosen)):
         n, v, r = chosen[i], seen.value[i], seen.covariance[i]
         d, p, q = tracks.mean[n, 7:9], tracks.planar[n, 2:, 2:], tracks.p_standing[n]
+        for k in range(2):
+            error[k], biased[k] = v[k] - d[k], gain * v[k] - d[k]
+            for c in range(2):
+                at_zero[k, c], about[k, c] = failures.rest_scale * r[k, c], p[k, c] + r[k, c]
         missed = missed_share(failures, d, p)
-        zero = normal_density(v[0], v[1], failures.rest_scale * r)
+        zero = normal_density(v[0], v[1], at_zero)
         wild = isotropic_density(v, failures.outlier_variance, r)
         at_rest = q * (1.0 - failures.p_outlier_standing) * zero
         wild_at_rest = q * failures.p_outlier_standing * wild
-        expected = normal_density(v[0] - d[0], v[1] - d[1], p + r)
+        expected = normal_density(error[0], error[1], about)
         seen_moving = (1.0 - q) * (1.0 - missed - failures.p_outlier) * expected
         lost = (1.0 - q) * missed * zero
         wild_moving = (1.0 - q) * failures.p_outlier * wild
@@ -110,22 +114,36 @@ def judge(
         outlier = (wild_at_rest + wild_moving) / total
         evidence.outliers[0] += outlier
         evidence.outliers[1] += outlier * 0.5 * (v[0] ** 2 + v[1] ** 2)
-        _learn_gain(evidence.gain, seen_moving / total, gain * v - d, (d, gain**2 * (p + r)))
-        _learn_scale(evidence, 0, at_rest / total, (v, failures.rest_scale * r, nowhere))
-        _learn_scale(evidence, 1, seen_moving / total, (v - d, r, p))
+        _learn_scale(evidence, 0, at_rest / total, (v, at_zero, nowhere))
+        _learn_scale(evidence, 1, seen_moving / total, (error, r, p))
+        for k in range(2):
+            for c in range(2):
+                about[k, c] = gain**2 * about[k, c] + GAIN_SPREAD**2 * d[k] * d[c]
+        _learn_gain(evidence.gain, seen_moving / total, biased, (d, about))
+    _step(evidence, before.weight)
+
+
+@compiled
+def _fade(evidence: Evidence, kept: float) -> None:
+    for sums in evidence[2:]:
+        for k in range(len(sums)):
+            sums[k] *= kept
+
+
+@compiled
+def _step(evidence: Evidence, weight: float) -> None:
+    """Move the log scales along their slopes, and clear these."""
     for k in range(2):
-        step = evidence.slope[k] / (before.weight + evidence.information[k])
+        step = evidence.slope[k] / (weight + evidence.information[k])
         evidence.log_scale[k] = max(evidence.log_scale[k] + step, 0.0)
         evidence.slope[k] = 0.0
 
 
 @compiled
 def _learn_gain(sums: F64, weight: float, error: F64, expected: tuple[F64, F64]) -> None:
-    """Add d' S^-1 (v - d) and d' S^-1 d, with S the covariance (2, 2) and the spread of gains."""
+    """Add d' S^-1 (v - d) and d' S^-1 d, with S the covariance (2, 2) of v about d."""
     d, s = expected
-    spread = GAIN_SPREAD**2
-    xx, yy = s[0, 0] + spread * d[0] * d[0], s[1, 1] + spread * d[1] * d[1]
-    xy = s[0, 1] + spread * d[0] * d[1]
+    xx, yy, xy = s[0, 0], s[1, 1], s[0, 1]
     determinant = xx * yy - xy * xy
     a, b = (yy * d[0] - xy * d[1]) / determinant, (xx * d[1] - xy * d[0]) / determinant
     sums[0] += weight * (a * error[0] + b * error[1])
