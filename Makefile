@@ -8,7 +8,7 @@ OUT ?= out/demo
 # tests share the cores with pytest-xdist, so a library must not open threads of its own
 TEST_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test lint docs package bench oracle peers forget clean
+.PHONY: demo test lint docs package bench oracle peers train-equal forget clean
 
 demo: $(READY)
 	$(BIN)/mottrack demo --out $(OUT)
@@ -30,6 +30,13 @@ docs: $(READY_DOCS)
 # in dist/; both are installed in an environment of their own and run there
 package: $(READY)
 	$(BIN)/python .ci/package.py
+
+# hours each, on one core: interrupted, the same command goes on where it was, today or another day
+train-equal: $(READY)
+	@for network in base binary_ogm spynet flownet; do echo "== $$network"; \
+	$(BIN)/mottrack train train_equal network=$$network --out runs/equal/$$network || exit 1; done
+	@echo "== with ground"
+	$(BIN)/mottrack train train_equal examples.remove_ground=false --out runs/equal/with_ground
 
 bench: $(READY)
 	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script --quick || exit 1; done

@@ -33,8 +33,6 @@ SHIPPED = Path(__file__).parent / "weights"
 """Folder of the weights that come with the package."""
 
 
-MOST_SWEEPS = 12
-"""Half a second at 20 Hz, with the current sweep."""
 _PAST_SWEEPS = 5
 """Every tenth of the half second of `history_s`: one of them is near `baseline_s`, and the oldest
 is what the refinement registers to beside it."""
@@ -68,11 +66,8 @@ class PillarFlowConfig(StrictModel):
     threads: int = Field(0, ge=0, description="CPU threads; 0: as the process is set")
     stages: StagesConfig = Field(default_factory=StagesConfig)
     refined: bool = Field(True, description="apply the stages after the network; off: raw network")
-    sweeps: int | None = Field(
-        None,
-        ge=2,
-        le=MOST_SWEEPS,
-        description="sweeps in use, the current one among them; null: as many as the weights take",
+    sweeps: Literal[2] | None = Field(
+        None, description="sweeps that the network takes; null: as many as its weights do"
     )
     margin_m: float = Field(
         4.0,
@@ -85,7 +80,7 @@ class PillarFlowConfig(StrictModel):
         0.2,
         gt=0,
         le=0.5,
-        description="wanted age of the earlier sweep that weights of two sweeps compare with",
+        description="wanted age of the earlier sweep of the network's pair",
     )
     max_gap_s: float = Field(0.5, gt=0, description="over a longer gap no cell is valid")
     max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
@@ -128,9 +123,8 @@ class PillarFlow(FlowSourceBase):
         self.error_model = shipped_errors(self.errors_name)
         weights = load_weights(weights_path(self.config.weights))
         self.network = weights.network.config
-        sweeps = self.config.sweeps or self.network.older + 2
-        self.several = sweeps > 2
-        self.past_sweeps = sweeps - 1 if self.several else _PAST_SWEEPS
+        self.several = self.config.sweeps != 2
+        self.past_sweeps = _PAST_SWEEPS
         wide = widened(self.grid, self.config.margin_m)
         stages = self.config.stages
         ground = stages.ground.reaching(wide)
@@ -162,15 +156,46 @@ class PillarFlow(FlowSourceBase):
     def in_use(self, past: Sequence[Sweep], current: Sweep) -> list[Sweep]:
         """Return the past sweeps that the network and the refinement use, from the oldest on.
 
-        Weights of two sweeps compare with the one whose age is nearest to `baseline_s`: over 0.2 s
-        a slow object moves twice as many cells as over 0.1 s, and a fast one stays in their reach.
+        The network compares with the one whose age is nearest to `baseline_s`: over 0.2 s a slow
+        object moves twice as many cells as over 0.1 s, and a fast one stays in their reach. Of the
+        older ones those are in use that it takes, and the oldest if the refinement follows.
         """
-        if self.several:
-            return list(past)
         ages_s = [seconds_between(sweep.stamp_ns, current.stamp_ns) for sweep in past]
         wanted = int(np.argmin(np.abs(np.array(ages_s) - self.config.baseline_s)))
-        oldest = past[:1] if self.config.refined and wanted > 0 else []
-        return [*oldest, past[wanted]]
+        used = {wanted, *(i for i in self._older(ages_s[:wanted]) if i is not None)}
+        if self.config.refined:
+            used.add(0)
+        return [past[i] for i in sorted(used)]
+
+    def _older(self, ages_s: Sequence[float]) -> list[int | None]:
+        """Return the index of the sweep for each of the network's older ones, by their ages.
+
+        None where there is none within `AGE_SLACK_S`.
+        """
+        wanted_s = self.network.older_ages_s if self.several else ()
+        left, chosen = list(range(len(ages_s))), list[int | None]()
+        for age_s in reversed(wanted_s):  # the oldest have the fewest sweeps to choose from
+            near = [i for i in left if abs(ages_s[i] - age_s) <= AGE_SLACK_S]
+            chosen.append(min(near, key=lambda i: abs(ages_s[i] - age_s), default=None))
+            left = [i for i in left if i != chosen[-1]]
+        return chosen[::-1]
+
+    def _older_points(self, pair: SweepPair) -> tuple[OlderPoints, ...]:
+        """Return the older sweeps that the network takes; empty where none is there.
+
+        One that is not there is without points and has the ratio 0.
+        """
+        from mottrack.flow.pillarflow.engine import OlderPoints
+
+        indices = self._older([one.elapsed_s for one in pair.past[:-1]])
+        chosen = [None if i is None else pair.past[i] for i in indices]
+        if not any(chosen):
+            return ()
+        nothing = OlderPoints(np.zeros((0, 4), np.float32), 0.0)
+        return tuple(
+            nothing if one is None else OlderPoints(points_of(one), pair.elapsed_s / one.elapsed_s)
+            for one in chosen
+        )
 
     def raw(self, pair: SweepPair) -> FlowField:
         """Run the network alone; nothing is valid if either sweep is empty.
@@ -198,8 +223,7 @@ class PillarFlow(FlowSourceBase):
             sight[:SHARES] = sight_image(now, states.current, self.cells)
             sight[SHARES:] = sight_image(then, states.previous, self.cells)
         shares = np.concatenate((visible, sight))
-        ages_s = self.network.older_ages_s if self.several else ()
-        return EngineInput(now, then, shares, older_points(pair, ages_s))
+        return EngineInput(now, then, shares, self._older_points(pair))
 
     def reset(self) -> None:
         """Remove the features of earlier sweeps."""
@@ -241,28 +265,6 @@ def points_of(sweep: PastSweep) -> F32:
     """Return the points (N,4) of a past sweep, as the network takes them."""
     points = sweep.obstacles
     return network_points(points.xyz_m, sweep.height_m, points.reflectance)
-
-
-def older_points(pair: SweepPair, ages_s: tuple[float, ...]) -> tuple[OlderPoints, ...]:
-    """Return the sweep before the pair of the age nearest to each of `ages_s`, in that order.
-
-    An older sweep that is not there, or not within `AGE_SLACK_S`, is without points and has the
-    ratio 0; where none is there the result is empty.
-    """
-    from mottrack.flow.pillarflow.engine import OlderPoints
-
-    left, chosen = list(pair.past[:-1]), list[PastSweep | None]()
-    for age_s in reversed(ages_s):  # the oldest have the fewest sweeps to choose from
-        near = [i for i, one in enumerate(left) if abs(one.elapsed_s - age_s) <= AGE_SLACK_S]
-        nearest = min(near, key=lambda i: abs(left[i].elapsed_s - age_s), default=None)
-        chosen.append(None if nearest is None else left.pop(nearest))
-    if not any(chosen):
-        return ()
-    nothing = OlderPoints(np.zeros((0, 4), np.float32), 0.0)
-    return tuple(
-        nothing if one is None else OlderPoints(points_of(one), pair.elapsed_s / one.elapsed_s)
-        for one in reversed(chosen)
-    )
 
 
 class BinaryOgmFlow(PillarFlow):

@@ -119,11 +119,16 @@ def widen(file: Path, trained: PillarFlowNet, into: PillarFlowNet) -> None:
         own[:, :count].copy_(value)
 
 
+def first_problem(error: ValidationError) -> str:
+    """Return the first key of a network's settings that is wrong, its value and why."""
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    return f"{name} = {shown(first['input'])} ({first['msg']})"
+
+
 def _reason(error: Exception) -> str:
     if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        name = ".".join(map(str, first["loc"]))
-        return f"{name} = {shown(first['input'])} ({first['msg']})"
+        return first_problem(error)
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 

@@ -45,4 +45,5 @@ def test_raw_network_beats_no_flow_on_a_held_out_pair(make: type[PillarFlow]) ->
 
 
 def test_small_runs_too() -> None:
-    assert PillarFlow(PillarFlowConfig(weights="small")).cells.rows == 200
+    source = PillarFlow(PillarFlowConfig(weights="small"))
+    assert source.cells.rows == 216  # 100 m and the margin, in cells of 0.5 m

@@ -111,16 +111,16 @@ def test_features_of_the_earlier_sweep_are_reused_to_the_bit(file: Path) -> None
 
 
 def test_a_past_of_several_sweeps_is_prepared_sweep_by_sweep(file: Path) -> None:
-    """Each as the earlier one of a pair of its own; a network of two sweeps takes the newest."""
+    """Each as the earlier one of a pair of its own; a network of two sweeps takes that of 0.2 s."""
     drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(4)]
-    source = _source(file, sweeps=4, refined=False)
+    source = _source(file, refined=False)
     pair = source.stages.before(drive[:3], drive[3])
-    assert source.past_sweeps == len(pair.past) == 3
+    assert len(pair.past) == 3
     for sweep, past in zip(drive[:3], pair.past, strict=True):
         alone = source.stages.before([sweep], drive[3]).past[0]
         assert np.array_equal(past.obstacles.xyz_m, alone.obstacles.xyz_m)
         assert past.elapsed_s == pytest.approx((drive[3].stamp_ns - sweep.stamp_ns) * 1e-9)
-    one, two = source.estimate(drive[:3], drive[3]), source.estimate(drive[2:3], drive[3])
+    one, two = source.estimate(drive[:3], drive[3]), source.estimate(drive[1:2], drive[3])
     assert np.array_equal(one.velocity_mps, two.velocity_mps)
 
 
@@ -129,7 +129,6 @@ def test_older_sweeps_are_given_to_a_network_that_takes_them(tmp_path: Path) -> 
     path = tmp_path / "history.safetensors"
     save_weights(path, _weights(TINY_HISTORY))
     source = _source(path, refined=False)
-    assert source.past_sweeps == 3
     drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(6)]
 
     def ratios(*ages: int) -> list[float]:
@@ -145,9 +144,12 @@ def test_older_sweeps_are_given_to_a_network_that_takes_them(tmp_path: Path) -> 
     assert ratios(5, 1) == [0.0, 0.2]
     assert ratios(4, 2, 1) == [0.5, 0.25]
     assert ratios(1) == []
-    whole = source.estimate([drive[0], drive[2], drive[4]], drive[5])
-    pair = source.estimate([drive[4]], drive[5])
+    whole, pair = source.estimate(drive[:5], drive[5]), source.estimate([drive[3]], drive[5])
+    stamps = [one.stamp_ns for one in source.in_use(drive[:5], drive[5])]
+    assert stamps == [drive[i].stamp_ns for i in (0, 2, 3)]
     assert not np.array_equal(whole.velocity_mps, pair.velocity_mps)
+    alone = _source(path, refined=False, sweeps=2).estimate(drive[:5], drive[5])
+    assert np.array_equal(alone.velocity_mps, pair.velocity_mps)
 
 
 def test_absent_older_sweeps_are_as_if_there_were_none() -> None:

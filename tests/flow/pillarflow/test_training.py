@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import yaml
 
-from mottrack.core.errors import DataError
+from mottrack.core.errors import ConfigError, DataError
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.decoders import PRESETS
+from mottrack.flow.pillarflow.decoders import PRESETS, preset
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.pillars import CellGrid
 from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scale_objects
@@ -27,9 +28,10 @@ from mottrack.flow.pillarflow.training.config import ScheduleConfig, TrainConfig
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
 from mottrack.flow.pillarflow.training.shards import Shards, write_shard
-from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish
+from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish, network_config
 from mottrack.flow.pillarflow.weights_file import load_weights, widen
 
+CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 ALONE = RankInfo(0, 1, torch.device("cpu"))
 Boxes = Callable[..., Example]
 
@@ -99,6 +101,17 @@ def test_a_run_begins_from_weights_of_fewer_inputs_with_their_output(
         widen(tmp_path / "tiny", wider, PillarFlowNet(tiny))
     with pytest.raises(DataError, match="network"):
         widen(tmp_path / "tiny", trained, PillarFlowNet(PRESETS["spynet"]))
+
+
+def test_one_recipe_gives_every_network_the_same_inputs() -> None:
+    recipe = yaml.safe_load((CONFIGS / "train_equal.yaml").read_text(encoding="utf-8"))
+    for name in ("base", "binary_ogm", "spynet", "flownet"):
+        config = network_config(TrainConfig.model_validate(recipe | {"network": name}))
+        assert (config.visibility, config.sight, config.older) == (True, True, 2)
+        kept = preset(name).model_dump(exclude=set(recipe["network_settings"]))
+        assert config.model_dump(exclude=set(recipe["network_settings"])) == kept
+    with pytest.raises(ConfigError, match="network_settings: sigth"):
+        network_config(TrainConfig(network_settings={"sigth": True}))
 
 
 def test_a_torn_checkpoint_is_named(tmp_path: Path, box_example: Boxes) -> None:

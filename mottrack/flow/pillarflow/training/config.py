@@ -62,6 +62,9 @@ class TrainConfig(StrictModel):
     """One training run."""
 
     network: str = Field("base", description="name of a preset")
+    network_settings: dict[str, Any] = Field(
+        default_factory=dict, description="settings of the network that differ from the preset"
+    )
     initial: str | None = Field(
         None,
         description="weights to begin with, shipped ones by name or a file, of the same network or"

@@ -10,10 +10,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
+from pydantic import ValidationError
 from torch import distributed, nn
 from torch.nn.parallel import DistributedDataParallel
 
+from mottrack.core.errors import ConfigError
 from mottrack.flow.pillarflow.calibration import fit_calibration
+from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.decoders import preset
 from mottrack.flow.pillarflow.engine import use_threads
 from mottrack.flow.pillarflow.layers import channels_last
@@ -25,7 +28,13 @@ from mottrack.flow.pillarflow.training.config import TrainConfig
 from mottrack.flow.pillarflow.training.examples import Example
 from mottrack.flow.pillarflow.training.losses import multi_scale_loss
 from mottrack.flow.pillarflow.training.validation import CellErrors, Scores, cell_errors
-from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights, widen
+from mottrack.flow.pillarflow.weights_file import (
+    Weights,
+    first_problem,
+    load_weights,
+    save_weights,
+    widen,
+)
 
 Report = Callable[[Progress], None]
 
@@ -160,13 +169,30 @@ class Trainer:
         report(self.progress)
 
 
+def network_config(config: TrainConfig) -> NetworkConfig:
+    """Return the network that a run trains.
+
+    Raises:
+        ConfigError: `network_settings` has an unknown key or an unusable value.
+        InputError: there is no preset of that name.
+    """
+    chosen = preset(config.network).model_dump() | config.network_settings
+    try:
+        return NetworkConfig.model_validate(chosen)
+    except ValidationError as error:
+        raise ConfigError(
+            f"network_settings: {first_problem(error)}, expected settings of a network"
+        ) from error
+
+
 def initial_network(config: TrainConfig) -> PillarFlowNet:
     """Return the network of a run before its first step: random, or begun from other weights.
 
     Raises:
         DataError: the initial weights are absent, unusable or of another network.
+        ConfigError: as `network_config`.
     """
-    network = PillarFlowNet(preset(config.network))
+    network = PillarFlowNet(network_config(config))
     if config.initial is not None:
         file = weights_path(config.initial)
         widen(file, load_weights(file).network, network)
