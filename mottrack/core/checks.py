@@ -58,17 +58,23 @@ def as_array(
         raise InputError(field, found, f"an array of {np.dtype(dtype)}") from error
     if array.shape == (0,) and len(shape) > 1 and shape[0] in (None, 0) and None not in shape[1:]:
         array = array.reshape(0, *shape[1:])  # an empty list: no rows
-    if array.shape != shape and not _fits(array.shape, shape):
+    if not _fits(array.shape, shape):
         want = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
         raise InputError(f"shape of {field}", array.shape, want)
     if array is not given:
         _require_nothing_lost(field, given, array)
+    return _read_only(array)
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view
 
 
 def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
+    if have == want:
+        return True
     return len(have) == len(want) and all(
         n is None or n == m for n, m in zip(want, have, strict=True)
     )
@@ -108,7 +114,11 @@ def set_array(
     owner: object, field: str, dtype: DTypeLike, shape: tuple[int | None, ...]
 ) -> NDArray[Any]:
     """Replace a field of a frozen dataclass by the array that `as_array` makes of it."""
-    array = as_array(field, getattr(owner, field), dtype, shape)
+    value = getattr(owner, field)
+    if type(value) is np.ndarray and value.dtype == dtype and _fits(value.shape, shape):
+        array = _read_only(value)  # what trackers and readers hand over: nothing to convert
+    else:
+        array = as_array(field, value, dtype, shape)
     object.__setattr__(owner, field, array)
     return array
 

@@ -99,11 +99,18 @@ def _checked(boxes: ArrayLike, name: str) -> F64:
     return array
 
 
+@compiled
 def _relative_corners(boxes: F64) -> F64:
     """Return corners about each box's own centre, so that far coordinates cost no precision."""
-    about_centre = boxes.copy()
-    about_centre[:, :2] = 0.0
-    return bev_corners(about_centre)
+    corners = np.empty((len(boxes), 4, 2))
+    for n in range(len(boxes)):
+        cos, sin = np.cos(boxes[n, 6]), np.sin(boxes[n, 6])
+        for k in range(4):
+            along = 0.5 * boxes[n, 3] if k in (0, 3) else -0.5 * boxes[n, 3]
+            across = 0.5 * boxes[n, 4] if k < 2 else -0.5 * boxes[n, 4]
+            corners[n, k, 0] = cos * along - sin * across
+            corners[n, k, 1] = sin * along + cos * across
+    return corners
 
 
 def _area(boxes: F64) -> F64:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
+from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
+from mottrack.geometry.polygon import convex_area, monotone_chain
 from mottrack.trackers.kalman.config import AssociationConfig
 
 MIN_AREA_M2 = 500.0
@@ -70,8 +71,13 @@ def spanned_area_m2(xy_m: F64) -> float:
     """Return the area of the convex hull of positions (N, 2), at least `MIN_AREA_M2`."""
     if len(xy_m) < 3:
         return MIN_AREA_M2
-    try:
-        # in the plane, qhull's volume is the area
-        return max(float(ConvexHull(xy_m).volume), MIN_AREA_M2)
-    except QhullError:  # all on one line
-        return MIN_AREA_M2
+    # about the first, so that far coordinates cost no precision
+    points = xy_m - xy_m[0]
+    order = np.lexsort((points[:, 1], points[:, 0]))
+    return max(_hull_area(points, order), MIN_AREA_M2)
+
+
+@compiled
+def _hull_area(points: F64, order: I64) -> float:
+    hull = np.empty((2 * len(points) + 1, 2))
+    return convex_area(hull, monotone_chain(points, order, hull))

@@ -191,8 +191,11 @@ class ScoreEvidence:
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:
     """Return how the measured velocities err: the source's model, overridden by the settings."""
     own = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
-    settings = config.velocity.model_dump(include={"relative", "persistence", *PROBABILITIES})
-    return replace(own, **{name: value for name, value in settings.items() if value is not None})
+    settings = {
+        name: getattr(config.velocity, name) for name in ("relative", "persistence", *PROBABILITIES)
+    }
+    given = {name: value for name, value in settings.items() if value is not None}
+    return replace(own, **given) if given else own
 
 
 class _Velocities(NamedTuple):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
@@ -93,8 +91,8 @@ class KalmanTracker:
         seen = observations_of(objects, self.config, self._table, self.law)
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
-        evidence = self._evidence.of(seen.score)
-        seen = replace(seen, nll_gate=gates[seen.label], evidence=evidence)
+        seen.nll_gate[:] = gates[seen.label]
+        seen.evidence[:] = self._evidence.of(seen.score)
         first, self._stamp_ns = self._stamp_ns is None, stamp_ns
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
@@ -109,7 +107,9 @@ class KalmanTracker:
         if self.config.yaw == "estimated":
             self._turn_by_motion(rows, elapsed_s)
         record_hits(tracks, rows, seen.score[columns], seen.source[columns], stamp_ns)
-        unmatched = np.setdiff1d(np.arange(len(seen)), columns)
+        left = np.ones(len(seen), np.bool_)
+        left[columns] = False
+        unmatched = np.flatnonzero(left)
         if not first:  # in a first frame every object is new
             self._clutter.record(seen.label[unmatched], len(self._table.labels), area_m2)
         self._initiate(unmatched, seen, stamp_ns)
