@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,13 +112,16 @@ def make_examples(examples: ExampleSet, *, execution: Execution, progress: Progr
 
 
 def _require_made(examples: ExampleSet, outcomes: Sequence[Outcome]) -> None:
-    failed = [outcome for outcome in outcomes if outcome.error]
+    failed: dict[str, list[str]] = defaultdict(list)
+    for outcome in outcomes:
+        if outcome.error:
+            failed[outcome.error].append(outcome.name)
     if failed:
-        names = ", ".join(outcome.name for outcome in failed[1:])
+        reasons = ", ".join(f"{' '.join(names)} ({error})" for error, names in failed.items())
+        count = sum(map(len, failed.values()))
         raise ConfigError(
-            f"{examples.path} lacks {len(failed)} of {len(outcomes)} shards that were to be made: "
-            f"{failed[0].name} ({failed[0].error})" + (f", {names}" if names else "") + "; the "
-            "same command makes what is missing"
+            f"{examples.path} lacks {count} of {len(outcomes)} shards that were to be made: "
+            f"{reasons}; the same command makes what is missing"
         )
 
 
