@@ -232,7 +232,7 @@ class KalmanConfig(StrictModel):
     smooth: bool = Field(
         False, description="smooth finished tracks backwards and fill their gaps: for labels"
     )
-    diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.innovations`")
+    diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.nis`, `tracker.innovations`")
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
     velocity: VelocityConfig = Field(default_factory=VelocityConfig)

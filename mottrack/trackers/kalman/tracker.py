@@ -121,6 +121,11 @@ class KalmanTracker:
 
         return smooth(steps, self.config)
 
+    @property
+    def nis(self) -> F64:
+        """Normalised squared innovations of the last step's boxes, 7 numbers each (`diagnose`)."""
+        return np.empty(0) if self.innovations is None else self.innovations.box
+
     def clutter_per_m2(self) -> dict[str, float]:
         """Return the density of detections that no track explains, by class, as estimated so far.
 
