@@ -265,7 +265,9 @@ class KalmanConfig(StrictModel):
         False, description="smooth finished tracks backwards and fill their gaps: for labels"
     )
     offline: OfflineConfig = Field(default_factory=OfflineConfig)
-    diagnose: bool = Field(False, description="keep the NIS of each step in `tracker.innovations`")
+    diagnose: bool = Field(
+        False, description="keep the NIS of each step in `tracker.nis` and `tracker.innovations`"
+    )
     drop_unknown: bool = Field(False, description="drop classes without noise of their own")
     noise: NoiseConfig = Field(default_factory=NoiseConfig)
     velocity: VelocityConfig = Field(default_factory=VelocityConfig)

@@ -138,6 +138,11 @@ class KalmanTracker:
         """Return a warning if the measured velocities were given little weight so far."""
         return self._test.concern()
 
+    @property
+    def nis(self) -> F64:
+        """Normalised squared innovations of the last step's boxes, 7 numbers each (`diagnose`)."""
+        return np.empty(0) if self.innovations is None else self.innovations.box
+
     def clutter_per_m2(self) -> dict[str, float]:
         """Return the density of detections that no track explains, by class, as estimated so far.
 
