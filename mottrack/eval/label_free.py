@@ -12,7 +12,7 @@ Geometry says which objects moved and which rested (`pipeline.label_free`); the 
                       after the flow. Zero flow has 0 %
     consistent        share of the points of moving objects that are claimed to move, and of which
                       the flow of the reversed pair says the opposite. Zero flow has 0 %
-    NIS               of the tracks' boxes, over its expectation, with a tracker that states it
+    NIS               of the tracks' positions over its expectation, with a tracker that states it
 
 Every figure but the NIS is a function of sums, so scenes are judged one by one and drawn again for
 intervals.
@@ -66,7 +66,7 @@ class LabelFreeSums:
     agreeing: float = 0.0
     """Those whose two velocities are opposite."""
     nis: float = 0.0
-    """Normalised innovation squared of the tracks' boxes, over its expectation."""
+    """Normalised innovation squared of the tracks' positions, over its expectation."""
     innovations: float = 0.0
     """Number of innovations."""
 
