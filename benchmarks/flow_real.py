@@ -60,6 +60,7 @@ ROWS: dict[str, Callable[[BevGrid], FlowSource]] = {
     "zero": lambda grid: ZeroFlow(grid=grid),
     "icp_oracle_one": lambda grid: IcpFlow(IcpConfig(use_truth=True, starts=1), grid=grid),
     "icp_oracle_many": lambda grid: IcpFlow(IcpConfig(use_truth=True), grid=grid),
+    "icp_oracle": lambda grid: IcpFlow(IcpConfig(use_truth=True, search="everywhere"), grid=grid),
     "cluster_icp": lambda grid: ClusterIcpFlow(grid=grid),
     "dogma": lambda grid: DogmaFlow(grid=grid),
     "binary_ogm_raw": lambda grid: BinaryOgmFlow(BinaryOgmConfig(refined=False), grid=grid),

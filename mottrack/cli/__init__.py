@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from mottrack.cli import (
+    adapt,
     configs,
     convert,
     data,
@@ -68,6 +69,7 @@ GROUPS = (
     data,
     convert,
     train,
+    adapt,
     noise,
     stress,
     tune,

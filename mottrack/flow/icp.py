@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import small_gicp
@@ -25,9 +26,12 @@ from mottrack.core.motion import FlowField
 from mottrack.core.objects import Boxes
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
+from mottrack.flow.registration.boxes import BoxLimits, BoxMatcher, displacements_m
 from mottrack.flow.shipped_errors import shipped_errors
+from mottrack.flow.stages import Stages, StagesConfig, VisibilityStage
 from mottrack.flow.sweep_pair import (
     GroundStage,
+    SweepPair,
     elapsed_seconds,
     flow_field,
     is_measurable,
@@ -42,6 +46,10 @@ _VOXEL_M = 0.1
 """Starts are compared on thinned points, the same for all; ICP itself has every point."""
 _START_STEP_M = 0.4
 """Distance of the starts along and across the heading: within ICP's basin of attraction."""
+_FEWEST_POINTS = 6
+"""Thinned points of a box that is searched everywhere: fewer have no shape."""
+_FASTEST_TURN_RADPS = 0.5
+"""Rotation of a vehicle on a street; that of an outline that changes is faster."""
 
 
 class IcpConfig(StrictModel):
@@ -49,6 +57,11 @@ class IcpConfig(StrictModel):
 
     ground: GroundStage = Field(default_factory=GroundStage)
     starts: int = Field(6, ge=1, description="starts per object; 1: from rest only, as the paper")
+    search: Literal["along_heading", "everywhere"] = Field(
+        "along_heading",
+        description="everywhere: starts from an occupancy correlation, compared in both directions "
+        "and refined by a pattern search (slower; `starts` is not used)",
+    )
     use_truth: bool = Field(False, description="boxes of the truth in place of detections")
     margin_m: float = Field(0.15, ge=0, description="boxes grow by this on each side")
     min_points: int = Field(11, ge=11, description="small-gicp registers no smaller clusters")
@@ -98,6 +111,9 @@ class IcpFlow(FlowSourceBase):
         self._ground = self.config.ground.reaching(self.grid)
         self._boxes: Boxes | None = None
         self._last: _Measured | None = None
+        # for the search everywhere alone: what each sweep could see, and aligned sweeps
+        visible = StagesConfig(ground=self._ground, visibility=VisibilityStage(enabled=False))
+        self._stages = Stages(visible, self.grid)
 
     def observe(self, frame: Frame) -> None:
         """Store the boxes of a frame: detections, or truth where the configuration says so."""
@@ -112,6 +128,7 @@ class IcpFlow(FlowSourceBase):
     def reset(self) -> None:
         """Remove boxes and velocities at the start of a scene."""
         self._boxes, self._last = None, None
+        self._stages.reset()
 
     def estimate(self, past: Sequence[Sweep], current: Sweep) -> FlowField:
         """Return the field of the boxes observed last; cells outside every box are not valid.
@@ -131,6 +148,8 @@ class IcpFlow(FlowSourceBase):
         if len(previous_m) < self.config.min_points:
             return unmeasured(self.grid, obstacles)
         boxes = boxes.transformed(current.world_T_ego.inverse(), "ego")
+        if self.config.search == "everywhere":
+            return self._searched_everywhere(self._stages.before(past[-1:], current), boxes)
         target = _index(previous_m, elapsed_s, self.config.truncation_m)
         inside = points_in_boxes(
             obstacles.xyz_m, boxes.centre_m, boxes.size_m, boxes.yaw_rad, self.config.margin_m
@@ -145,6 +164,34 @@ class IcpFlow(FlowSourceBase):
         velocity_mps = -shifts_m / elapsed_s
         self._store(boxes, velocity_mps, current)
         return self._field(obstacles, inside.first_box(len(obstacles)), velocity_mps, elapsed_s)
+
+    def _searched_everywhere(self, pair: SweepPair, boxes: Boxes) -> FlowField:
+        """Return the field of the boxes, each registered from wherever it can have come."""
+        limits = BoxLimits(
+            self.config.margin_m,
+            _FEWEST_POINTS,
+            self.config.max_speed_mps * pair.elapsed_s,
+            _FASTEST_TURN_RADPS * pair.elapsed_s,
+        )
+        expected_m = [
+            -self._last_velocity(boxes.select(np.array([b])), pair.current) * pair.elapsed_s
+            for b in range(len(boxes))
+        ]
+        found = BoxMatcher(pair, limits).match(boxes, expected_m)
+        box_mps = np.full((len(boxes), 2), np.nan)
+        cell_mps = np.zeros((*self.grid.shape, 2))
+        valid = np.zeros(self.grid.shape, dtype=np.bool_)
+        for b, motion in enumerate(found.motion):
+            if motion is not None:
+                rows, cols, in_grid = self.grid.cells(pair.current.xyz_m[found.inside == b])
+                rows, cols = rows[in_grid], cols[in_grid]
+                places_m = self.grid.centres_m()[rows, cols]
+                cell_mps[rows, cols] = displacements_m(motion, places_m) / pair.elapsed_s
+                valid[rows, cols] = True
+                box_mps[b] = displacements_m(motion, boxes.centre_m[[b], :2])[0] / pair.elapsed_s
+        self._store(boxes, box_mps, pair.current)
+        variance = 2 * (self.config.sigma_m / pair.elapsed_s) ** 2
+        return flow_field(self.grid, pair.current, cell_mps, valid, variance)
 
     def _reachable_m(self, previous: Sweep, current: Sweep) -> F32:
         """Return the previous obstacle points (N, 3) in the current frame.

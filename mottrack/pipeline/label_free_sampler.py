@@ -7,10 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-
 from mottrack.config import StrictModel
-from mottrack.core.arrays import F64
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import FlowSource, FrameObserver, Tracker
 from mottrack.core.sweep import Sweep, has_jumped, seconds_between
@@ -24,6 +21,7 @@ from mottrack.pipeline.label_free import CHECK_GRID, CHECK_S, Evidence, Reversal
 from mottrack.pipeline.mirrored import mirrored_frame, mirrored_sweep
 from mottrack.pipeline.once import Once
 from mottrack.pipeline.stream import Pair, Step
+from mottrack.trackers.kalman.association import Innovations
 
 MOST_FRAMES = 40
 """Key frames of a scene that are judged, evenly spread: neighbours say nearly the same, and a
@@ -31,15 +29,15 @@ reversed pair costs another measurement."""
 _SHORTEST_S, _LONGEST_S = 0.2, 0.5
 """Age of the earlier sweep: below, slow objects leave no trace; above, what turns or brakes no
 longer fits its velocity."""
-_BOX_NUMBERS = 7
-"""Numbers of a box whose innovation a tracker states: the expectation of its square."""
+_COORDINATES = 2
+"""Of a position, whose innovation a tracker states: the expectation of its square."""
 
 
 @runtime_checkable
 class StatesInnovations(Protocol):
     """A tracker that keeps the normalised innovations squared of its last step."""
 
-    nis: F64
+    innovations: Innovations | None
 
 
 class Evidences:
@@ -103,8 +101,9 @@ class LabelFreeSampler:
         unlabelled = frame.truth is None or self.wanted == "always"
         if self.wanted == "never" or not unlabelled or not isinstance(tracker, StatesInnovations):
             return
-        nis = np.asarray(tracker.nis) / _BOX_NUMBERS
-        self._sums += LabelFreeSums(nis=float(nis.sum()), innovations=float(len(nis)))
+        if tracker.innovations is not None:
+            nis = tracker.innovations.xy / _COORDINATES
+            self._sums += LabelFreeSums(nis=float(nis.sum()), innovations=float(len(nis)))
 
     def sums(self) -> LabelFreeSums | None:
         """Return the sums of the scene; None where nothing was judged."""

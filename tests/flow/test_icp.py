@@ -18,10 +18,11 @@ def car_velocity(source, street, steps=(0, 1)):
     return np.median(field.velocity_mps[on_car], axis=0) if on_car.any() else None
 
 
+@pytest.mark.parametrize("search", ["along_heading", "everywhere"])
 @pytest.mark.parametrize("speed_mps", [0.0, 3.0, 14.0, 30.0])
-def test_many_starts_find_any_speed(speed_mps, street_of):
+def test_many_starts_find_any_speed(speed_mps, search, street_of):
     street = street_of(car_start_m=(8.0, -4.0), speed_mps=speed_mps, car_yaw_rad=0.3, ego_mps=5.0)
-    velocity = car_velocity(IcpFlow(grid=GRID), street)
+    velocity = car_velocity(IcpFlow(IcpConfig(search=search), grid=GRID), street)
     expected = speed_mps * np.array([np.cos(0.3), np.sin(0.3)])
     np.testing.assert_allclose(velocity, expected, atol=0.5)
 

@@ -20,7 +20,7 @@ from mottrack.core.sweep import Sweep, has_jumped, seconds_between
 from mottrack.flow.pillarflow.forked import require_threads
 from mottrack.flow.pillarflow.pillars import cell_of_centres, network_points, visibility_shares
 from mottrack.flow.pillarflow.sight import SHARES, point_sight, sight_image
-from mottrack.flow.shipped_errors import shipped_errors
+from mottrack.flow.shipped_errors import errors_file, weights_errors
 from mottrack.flow.stages import Stages, StagesConfig
 from mottrack.flow.sweep_pair import PastSweep, SweepPair, elapsed_seconds, unmeasured
 
@@ -86,8 +86,13 @@ class PillarFlowConfig(StrictModel):
     max_sigma_mps: float = Field(10.0, gt=0, description="a less certain cell is not valid")
 
     def files(self) -> tuple[Path, ...]:
-        """Return the weights' file; raises DataError if none of that name are shipped."""
-        return (weights_path(self.weights),)
+        """Return the weights' file and, where there is one, that of their error model.
+
+        Raises:
+            DataError: none of that name are shipped.
+        """
+        weights = weights_path(self.weights)
+        return tuple(f for f in (weights, errors_file(weights)) if f == weights or f.is_file())
 
 
 class BinaryOgmConfig(PillarFlowConfig):
@@ -120,7 +125,7 @@ class PillarFlow(FlowSourceBase):
         self.config = config or self.Config()
         self.grid = grid or BevGrid()
         self.errors_name = self.config.weights + ("" if self.config.refined else "_raw")
-        self.error_model = shipped_errors(self.errors_name)
+        self.error_model = weights_errors(self.config.weights, refined=self.config.refined)
         weights = load_weights(weights_path(self.config.weights))
         self.network = weights.network.config
         self.several = self.config.sweeps != 2

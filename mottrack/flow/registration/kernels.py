@@ -257,7 +257,7 @@ def match_components(
         component = compared_points(components, k, limits.max_points)
         motion, cost = _best_shift(scene, component, candidates, zero_motion[k], limits.longest_m)
         if cost < _REFINED_BELOW * cost_m:
-            motion, cost = _refine_locally(scene, component, motion, cost, limits.max_turn_rad)
+            motion, cost = refine_locally(scene, component, motion, cost, limits.max_turn_rad)
             result[k, 6] = _significance(scene, component.points_m, motion)
         for i in range(len(motion)):
             result[k, i] = motion[i]
@@ -337,7 +337,7 @@ def _significance(scene: MatchScene, points_m: F32, motion: PlanarMotion) -> flo
 
 
 @compiled
-def _refine_locally(
+def refine_locally(
     scene: MatchScene, component: Component, motion: PlanarMotion, best: float, max_turn_rad: float
 ) -> tuple[PlanarMotion, float]:
     """Pattern search on the two-way cost: ICP along a smooth side stops short of its minimum.

@@ -1,0 +1,40 @@
+"""Tables of an adaptation: figures before and after."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from mottrack.flow.pillarflow.training.validation import Scores
+from mottrack.formats.text_table import Cell, Column, TextTable
+from mottrack.studies.adaptation.judgement import Verdict
+
+WORDS = {True: ", better", False: ", worse", None: ""}
+"""What a paired interval says."""
+
+
+def figure_table(verdict: Verdict) -> TextTable:
+    """Tabulate the figures without labels on the held-out stretches."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, found in verdict.fields.items():
+        for row in found:
+            known = row.low == row.low
+            half = f" ± {row.high - row.difference:.3f}" if known else ""
+            unit = f" ({row.key.unit})" if row.key.unit else ""
+            figure = f"{row.key.row}: {row.key.metric}{unit}"
+            change = f"{row.difference:+.3f}{half}{WORDS[row.better]}"
+            rows.append((name, figure, row.baseline, row.value, change))
+    heads = ("field", "figure", "before", "after", "difference")
+    title = f"Without labels, {verdict.stretches} held-out stretches of the logs"
+    note = "± is half the 95 % interval of the paired difference over stretches"
+    return TextTable("adapted", title, tuple(Column(head) for head in heads), tuple(rows), note)
+
+
+def world_table(before: Scores, after: Scores) -> TextTable:
+    """Tabulate the errors on held-out pairs of the embedded world, network alone."""
+    old, new = asdict(before), asdict(after)
+    rows: list[tuple[Cell, ...]] = [
+        (name.replace("_", " "), old[name], new[name]) for name in old if "sigma" not in name
+    ]
+    heads = ("error", "before", "after")
+    title = "Embedded world, held-out pairs with truth (m/s and shares)"
+    return TextTable("world", title, tuple(Column(head) for head in heads), tuple(rows))
