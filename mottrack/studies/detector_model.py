@@ -219,13 +219,17 @@ def counts_table(found: Mapping[str, ClassCounts]) -> TextTable:
 
 def rate_table(found: Mapping[str, ClassCounts]) -> TextTable:
     """Tabulate the counted probability of detection by what came before, range and occlusion."""
-    rows = tuple((label, *_rates(one)) for label, one in found.items() if len(one.scores))
+    rows: list[tuple[Cell, ...]] = [
+        (label, *_rates(one)) for label, one in found.items() if len(one.scores)
+    ]
     before = ("all", "detected before", "missed before")
     ranges = (f"from {low:.0f} m" for low in RANGES_M[:-1])
     hidden = (f"hidden from {low:.1f}" for low in HIDDEN[:-1])
     columns = (Column("class"), *map(Column, (*before, *ranges, *hidden)))
     note = "Hidden: the share of the box's directions in which a nearer true box stands."
-    return TextTable("detection_rates", "Probability of detection, counted", columns, rows, note)
+    return TextTable(
+        "detection_rates", "Probability of detection, counted", columns, tuple(rows), note
+    )
 
 
 def _rates(counts: ClassCounts) -> list[float]:

@@ -193,8 +193,8 @@ class _Work:
 
 def mean_over_classes(found: ByClass) -> Figures:
     """Return the mean of each figure over the classes, and the sum of switches."""
-    means = [
-        float(np.mean([getattr(one, name) for one in found.values()])) if found else float("nan")
+    means = {
+        name: float(np.mean([getattr(one, name) for one in found.values()])) if found else np.nan
         for name in ("amota", "samota", "mota", "hota")
-    ]
-    return Figures(*means, sum(one.switches for one in found.values()))
+    }
+    return Figures(**means, switches=sum(one.switches for one in found.values()))
