@@ -114,7 +114,10 @@ class Shards(Sequence[Example]):
 
 def _part(shard: dict[str, Any], name: str, row: int) -> NDArray[Any]:
     start = shard[f"{name}.start"]
-    part: NDArray[Any] = shard[name][int(start[row]) : int(start[row + 1])]
+    begin, end = int(start[row]), int(start[row + 1])
+    if begin == end:  # safetensors refuses an empty slice at the end of a column
+        begin = end = 0
+    part: NDArray[Any] = shard[name][begin:end]
     return part
 
 
