@@ -111,14 +111,16 @@ def _measurement(sums: F64, config: VelocityConfig, *, filtered: bool) -> Veloci
     total = np.where(sums[:, 0] > 0, sums[:, 0], 1.0)
     mean = sums[:, 2:4] / total[:, None]
     second = _symmetric(sums[:, 4:7] / total[:, None])
-    spread = _shrunk(second - mean[:, :, None] * mean[:, None, :], sums[:, 10], config)
+    spread = second - mean[:, :, None] * mean[:, None, :]
     own = _symmetric(sums[:, 7:10] / total[:, None])
     cells = sums[:, 0] ** 2 / np.where(sums[:, 1] > 0, sums[:, 1], 1.0)
     effective = np.maximum(cells / config.correlated_cells, 1.0)
     floor = config.floor_mps**2 * np.eye(2)
-    covariance = spread / effective[:, None, None] + own + floor
     if config.covariance == "printed":
         covariance = (own if filtered else spread) + floor
+    else:
+        usual = _shrunk(spread, sums[:, 10], config)
+        covariance = usual / effective[:, None, None] + own + floor
     return VelocityMeasurement(mean, covariance, sums[:, 10] >= config.min_cells)
 
 
