@@ -17,22 +17,20 @@ from mottrack.core.frame import Frame
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import MOVING_MPS
 from mottrack.core.objects import Truth
-from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.datasets.argoverse2.config import Argoverse2Config
 from mottrack.datasets.argoverse2.dataset import Argoverse2
 from mottrack.datasets.fitted_velocity import fitted_slopes
 from mottrack.datasets.kitti.config import KittiConfig
 from mottrack.datasets.kitti.dataset import Kitti
+from mottrack.flow.ground_truth import RIM_M
 from mottrack.flow.sweep_pair import GroundStage, obstacle_points
-from mottrack.lidar.in_boxes import points_in_boxes
+from mottrack.lidar.in_boxes import near_boxes, points_in_boxes
 
 MARGIN_M = 0.15
 """Annotated boxes are tight and a few centimetres off; their surface points lie within this."""
 STATIC_BELOW_MPS = 0.4
 """A slower object is at rest: velocities fitted to KITTI's parked cars reach 0.3 m/s."""
-RIM_M = 1.5
-"""A cell of the background this near to a moving box may hold its points."""
 KITTI_VIEW_RAD = np.radians(38.0)
 """KITTI annotates what its camera sees, about 40 degrees to either side."""
 PANDAR_ORIGIN_M = (1.5, 0.0, 1.95)
@@ -131,7 +129,7 @@ def cell_truth(drive: Drive, index: int, grid: BevGrid) -> CellTruth:
         label=np.append(truth.label, "")[owner],
         track=np.append(truth.id, -1)[owner],
         points=np.append(points, 0)[owner],
-        rim=~fast & _near_moving(ego.select(moving), centre_m),
+        rim=~fast & near_boxes(centre_m, ego.select(moving), RIM_M),
         entering=fast & ~grid.cells(centre_m - STEP_S * mean_mps).inside,
     )
 
@@ -146,17 +144,6 @@ def _point_velocities(
     turn = np.append(np.where(moving, turn_radps, 0.0), 0.0)[object_of]
     arm_m = xyz_m[:, :2] - np.vstack([ego.centre_m[:, :2], np.zeros(2)])[object_of]
     return linear_mps + turn[:, None] * np.column_stack([-arm_m[:, 1], arm_m[:, 0]]), known
-
-
-def _near_moving(moving: Truth, centre_m: F64) -> Mask:
-    """Return (C,) places (C, 2) within `RIM_M` of one of the boxes."""
-    near = np.zeros(len(centre_m), np.bool_)
-    for place_m, size_m, yaw_rad in zip(
-        moving.centre_m, moving.size_m, moving.yaw_rad, strict=True
-    ):
-        local_m = np.abs((centre_m - place_m[:2]) @ rotation_2d(float(yaw_rad)))
-        near |= np.hypot(*np.maximum(local_m - size_m[:2] / 2, 0.0).T) < RIM_M
-    return near
 
 
 def _turn_rates(truth: list[Truth]) -> Iterator[F64]:

@@ -23,7 +23,7 @@ _LEAST_OF_QUADRATIC = 5
 _LEAST_OF_LINE = 2
 """Boxes that have a slope."""
 _ITERATIONS = 8
-"""Steps of the reweighting; the velocity changes by less than 1 mm/s after six."""
+"""Steps of the reweighting: it starts from least squares, which are close."""
 _CAUCHY = 2.385
 """Residual over scale at which a box's weight is halved: 95 % efficient for Gaussian noise."""
 _LEAST_SCALE_M = 0.01

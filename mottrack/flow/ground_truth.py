@@ -26,6 +26,10 @@ from mottrack.flow.sweep_pair import (
 )
 from mottrack.lidar.in_boxes import points_in_boxes
 
+RIM_M = 1.5
+"""A cell of the background this near to a moving box may hold its points: labels are tight, and
+its shadow moves with it. No figure of static cells counts it."""
+
 
 class GroundTruthConfig(StrictModel):
     """How annotated tracks become a field."""

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F64, I64
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.checks import as_array
+from mottrack.core.objects import Boxes
+from mottrack.core.pose import rotation_2d
 from mottrack.lidar.point_grid import PointGrid, build_point_grid, cells_within
 
 _CELL_M = 2.0
@@ -37,6 +39,19 @@ class PointsInBoxes:
         boxes = np.repeat(np.arange(len(self.start) - 1), np.diff(self.start))
         box_of[self.index[::-1]] = boxes[::-1]
         return box_of
+
+
+def near_boxes(xy_m: F64, boxes: Boxes, reach_m: float) -> Mask:
+    """Return (N,) whether places (N, 2) lie in one of the boxes or within `reach_m` of it.
+
+    Seen from above; places and boxes in one frame.
+    """
+    near = np.zeros(len(xy_m), np.bool_)
+    for centre_m, size_m, yaw_rad in zip(boxes.centre_m, boxes.size_m, boxes.yaw_rad, strict=True):
+        local_m = np.abs((xy_m - centre_m[:2]) @ rotation_2d(float(yaw_rad)))
+        outside_m = np.maximum(local_m - size_m[:2] / 2, 0.0)
+        near |= np.hypot(outside_m[:, 0], outside_m[:, 1]) < reach_m
+    return near
 
 
 def points_in_boxes(

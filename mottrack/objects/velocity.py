@@ -24,8 +24,6 @@ from mottrack.core.objects import Boxes, Objects, Tracks
 
 SHORTEST_M = 1e-12
 """Length of an edge between equal corners, which is divided by."""
-
-
 MANY_CELLS = 5
 """Cells whose spread says something by itself: two variances and a covariance take three."""
 
@@ -116,11 +114,10 @@ def _measurement(sums: F64, config: VelocityConfig, *, filtered: bool) -> Veloci
     cells = sums[:, 0] ** 2 / np.where(sums[:, 1] > 0, sums[:, 1], 1.0)
     effective = np.maximum(cells / config.correlated_cells, 1.0)
     floor = config.floor_mps**2 * np.eye(2)
+    shrunk = _shrunk(spread, sums[:, 10], config)
+    covariance = shrunk / effective[:, None, None] + own + floor
     if config.covariance == "printed":
         covariance = (own if filtered else spread) + floor
-    else:
-        usual = _shrunk(spread, sums[:, 10], config)
-        covariance = usual / effective[:, None, None] + own + floor
     return VelocityMeasurement(mean, covariance, sums[:, 10] >= config.min_cells)
 
 

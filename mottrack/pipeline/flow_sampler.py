@@ -15,8 +15,8 @@ from mottrack.core.objects import Truth
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.core.tables import FlowSamples
 from mottrack.experiment.settings import Settings
-from mottrack.flow.ground_truth import GroundTruthFlow
-from mottrack.lidar.in_boxes import PointsInBoxes, points_in_boxes
+from mottrack.flow.ground_truth import RIM_M, GroundTruthFlow
+from mottrack.lidar.in_boxes import PointsInBoxes, near_boxes, points_in_boxes
 from mottrack.pipeline.stream import Pair, Step
 
 MARGIN_M = 0.15
@@ -82,6 +82,7 @@ class FlowSampler:
         known = field.occupied & true_field.valid
         if frame.labelled_azimuth_rad is not None:
             known &= _between(field.grid.centres_m(), frame.labelled_azimuth_rad)
+        known &= ~_rim(true_field, frame, known)
         rows, columns = _at_most(np.nonzero(known), self.limit)
         true_mps = true_field.velocity_mps[rows, columns]
         cells = self._cells(field, frame.truth, pair)
@@ -128,6 +129,19 @@ def _between(xy_m: F64, azimuth_rad: tuple[float, float]) -> Mask:
     right, left = azimuth_rad
     azimuth = np.arctan2(xy_m[..., 1], xy_m[..., 0])
     return (azimuth >= right) & (azimuth <= left)
+
+
+def _rim(true_field: FlowField, frame: Frame, known: Mask) -> Mask:
+    """Return (H, W) the known cells at rest beside a moving box, which may hold its points."""
+    rim = np.zeros(true_field.grid.shape, np.bool_)
+    if frame.truth is None:
+        return rim
+    speed_mps = np.hypot(true_field.velocity_mps[..., 0], true_field.velocity_mps[..., 1])
+    rows, columns = np.nonzero(known & (speed_mps <= MOVING_MPS))
+    boxes = frame.truth.transformed(frame.world_T_ego.inverse(), "ego")
+    moving = boxes.select(np.hypot(*boxes.velocity_mps.T) > MOVING_MPS)
+    rim[rows, columns] = near_boxes(true_field.grid.centres_m()[rows, columns], moving, RIM_M)
+    return rim
 
 
 def _hits(sweep: Sweep, truth: Truth) -> PointsInBoxes:

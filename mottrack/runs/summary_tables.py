@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from mottrack.eval import label_free
 from mottrack.eval.paired import MetricKey, PairedDifference, whole
@@ -51,9 +52,9 @@ def summary_tables(comparison: Comparison) -> list[TextTable]:
     tracking, velocity, flow = _tracking(different), _velocity(different), _flow(runs)
     clusters = all(run.scores.overall.amota != run.scores.overall.amota for run in runs)
     scored = [velocity, flow, tracking] if clusters else [tracking, velocity, flow]
-    if not any(run.has_truth for run in runs):
-        scored = []
     parts = [part for part in comparison.differences if part.run not in comparison.equal]
+    if not any(run.has_truth for run in runs):
+        scored, parts = [], [_unlabelled(part) for part in parts]
     tables = [*scored, _label_free(runs), _latency(runs), *_differences(parts)]
     return [table for table in tables if table.rows]
 
@@ -160,6 +161,11 @@ def _differences(parts: Sequence[RunDifferences]) -> Iterator[TextTable]:
         title = f"{part.run} against {part.baseline}, {part.scenes} scene{plural}"
         note = (METHOD if part.scenes > 1 else ONE_SCENE) if part is parts[-1] else ""
         yield TextTable("differences", title, columns, rows, note)
+
+
+def _unlabelled(part: RunDifferences) -> RunDifferences:
+    """Return the differences that need no truth: of no objects there are no errors."""
+    return replace(part, rows=tuple(row for row in part.rows if row.key == label_free.ERROR))
 
 
 def _difference(row: PairedDifference, name: str) -> tuple[Cell, ...]:

@@ -18,7 +18,9 @@ from mottrack.trackers.noise_estimation.samples import match_truth
 
 NIS_BOX, NIS_XY = "NIS of the box", "NIS of x, y"
 NEES_STATE, NEES_VELOCITY = "NEES of x, y, d_x, d_y", "NEES of the velocity"
+"""Names in tables; the velocity is the published one, of standing and moving mixed."""
 COMPONENTS = {NIS_BOX: 7, NIS_XY: 2, NEES_STATE: 4, NEES_VELOCITY: 2}
+"""Numbers in each: the expectation of a consistent filter."""
 ALL = ""
 """In place of a class: all of them."""
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mottrack.core.errors import InputError
-from mottrack.lidar.in_boxes import points_in_boxes
+from mottrack.core.objects import Boxes
+from mottrack.core.pictures import footprints
+from mottrack.lidar.in_boxes import near_boxes, points_in_boxes
 
 
 def by_definition(xyz, centre, size, yaw, margin):
@@ -52,3 +55,19 @@ def test_no_points_and_no_boxes():
 def test_shapes_must_agree():
     with pytest.raises(InputError, match=r"shape of size_m is \(1, 3\), expected \(2, 3\)"):
         points_in_boxes(np.zeros((5, 3)), np.zeros((2, 3)), np.ones((1, 3)), np.zeros(2))
+
+
+def test_near_boxes_agrees_with_the_distance_of_shapely():
+    rng = np.random.default_rng(3)
+    boxes = Boxes(
+        stamp_ns=0,
+        centre_m=rng.uniform(-10, 10, (6, 3)),
+        size_m=rng.uniform(0.5, 6, (6, 3)),
+        yaw_rad=rng.uniform(-4, 4, 6),
+        label=np.full(6, "car"),
+    )
+    xy_m = rng.uniform(-15, 15, (400, 2))
+    outlines = shapely.polygons(footprints(boxes.centre_m, boxes.size_m, boxes.yaw_rad))
+    apart_m = shapely.distance(shapely.points(xy_m)[:, None], outlines[None]).min(axis=1)
+    np.testing.assert_array_equal(near_boxes(xy_m, boxes, 1.5), apart_m < 1.5)
+    assert not near_boxes(xy_m, boxes.select(np.zeros(6, np.bool_)), 1.5).any()

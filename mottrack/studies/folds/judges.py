@@ -20,6 +20,7 @@ from mottrack.eval.kitti.matching import Sequence as Prepared
 from mottrack.eval.scores import ScoreConfig, Scores
 
 NOT_DEFINED = float("nan")
+"""A figure that the rules do not have, or of no class."""
 
 
 class Figures(NamedTuple):

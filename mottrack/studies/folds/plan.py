@@ -15,8 +15,6 @@ from mottrack.experiment.plugins import Part, load_part
 from mottrack.experiment.validation_message import format_validation_error
 from mottrack.formats.yaml_file import read_yaml
 
-FIGURES = ("amota", "samota", "mota", "hota")
-"""What settings may be chosen by."""
 Rules = Literal["nuscenes", "kitti"]
 
 

@@ -20,7 +20,7 @@ from mottrack.studies.folds.detector import (
     kalman_config,
 )
 from mottrack.studies.folds.groups import RecordedGroup, record_group
-from mottrack.studies.folds.judges import ByClass, Figures, Judge, mean_figure
+from mottrack.studies.folds.judges import NOT_DEFINED, ByClass, Figures, Judge, mean_figure
 from mottrack.studies.folds.plan import Plan
 
 CHOSEN = "chosen on the other folds"
@@ -41,7 +41,7 @@ class Row(NamedTuple):
         """Return the lowest and highest value of a figure over the folds that have the class."""
         found = [one[label].value(name) for one in self.folds if label in one]
         values = [value for value in found if np.isfinite(value)]
-        return (min(values), max(values)) if values else (float("nan"),) * 2
+        return (min(values), max(values)) if values else (NOT_DEFINED, NOT_DEFINED)
 
 
 class Transfer(NamedTuple):
@@ -176,19 +176,33 @@ class _Work:
     def transfers(self) -> list[Transfer]:
         """Return for each pair of groups what a choice on one is worth on the other.
 
-        Scenes of both groups are left out of the choice, since their truth is the same.
+        A scene of both groups, whose truth is the same, is left out on one side: where the settings
+        are judged, or, if nothing is left there, where they are chosen.
         """
         found = []
         for a, first in enumerate(self.groups):
             for b, second in enumerate(self.groups):
-                own = [name for name in first.names if name not in second.scenes]
-                if a != b and own:
-                    variant = self._best({a: own})
-                    figures = {v: self._objective(b, v, second.names) for v in self.plan.choose}
-                    best = max(figures.values())
+                chosen_on, judged_on = _apart(first.names, second.names)
+                if a != b and chosen_on and judged_on:
+                    variant = self._best({a: chosen_on})
+                    figures = {v: self._objective(b, v, judged_on) for v in self.plan.choose}
                     names = first.group.name, second.group.name
+                    best = max(figures.values())
                     found.append(Transfer(*names, variant, figures[variant], best))
         return found
+
+
+class _Apart(NamedTuple):
+    chosen_on: list[str]
+    judged_on: list[str]
+
+
+def _apart(first: Sequence[str], second: Sequence[str]) -> _Apart:
+    """Return the scenes of two groups without those of both on one side."""
+    rest = [name for name in second if name not in first]
+    if rest:
+        return _Apart(list(first), rest)
+    return _Apart([name for name in first if name not in second], list(second))
 
 
 def mean_over_classes(found: ByClass) -> Figures:

@@ -12,6 +12,7 @@ from mottrack.studies.folds.plan import Plan
 from mottrack.studies.folds.study import CHOSEN, Outcome, Row, mean_over_classes
 
 ALL = "all (mean)"
+"""In place of a class: the mean over classes, of switches the sum."""
 
 
 def tables_of(plan: Plan, outcome: Outcome) -> list[TextTable]:
@@ -82,7 +83,7 @@ def _transfers(plan: Plan, outcome: Outcome) -> TextTable:
     )
     note = (
         f"Figure: mean over classes of {' and '.join(plan.objective)}. "
-        "Scenes of both groups took no part in the choice."
+        "A scene of both groups counts on one side alone."
     )
     return TextTable("transfer", "Settings of one group, judged on another", columns, rows, note)
 

@@ -110,6 +110,25 @@ def test_features_of_the_earlier_sweep_are_reused_to_the_bit(file: Path) -> None
     assert continued.stages.features_of(drive[1]).image is not image
 
 
+def test_a_network_of_two_sweeps_compares_over_the_longer_baseline_unless_traffic_is_fast(
+    file: Path,
+) -> None:
+    """Ages in milliseconds, from the oldest on; the oldest is for the refinement."""
+
+    def ages_ms(source: PillarFlow, step_m: float) -> list[int]:
+        *past, now = (
+            replace(_sweep(k * 100_000_000), world_T_ego=Pose.from_yaw(0.0, (step_m * k, 0, 0)))
+            for k in range(6)
+        )
+        return [(now.stamp_ns - s.stamp_ns) // 1_000_000 for s in source.in_use(past, now)]
+
+    assert ages_ms(_source(file), 0.5) == [500, 200]
+    assert ages_ms(_source(file), 2.5) == [500, 100]
+    assert ages_ms(_source(file, refined=False), 0.5) == [200]
+    assert ages_ms(_source(file, baseline_s=0.1), 0.5) == [500, 100]
+    assert ages_ms(_source(file, sweeps=6), 0.5) == [500, 400, 300, 200, 100]
+
+
 def test_a_past_of_several_sweeps_is_prepared_sweep_by_sweep(file: Path) -> None:
     """Each as the earlier one of a pair of its own; a network of two sweeps takes that of 0.2 s."""
     drive = [replace(_sweep(k * 100_000_000, k), world_T_ego=_pose(k)) for k in range(4)]
