@@ -38,6 +38,9 @@ from mottrack.trackers.kalman.config import StandingConfig
 
 SMALLEST = 1e-200
 """Lower bound of a density: what no hypothesis explains changes no probability."""
+SURE = 0.999
+"""A velocity that is correct with this probability is taken for correct: a mixture of two states
+for the rest would cost more time than the test of the source."""
 
 
 class Failures(NamedTuple):
@@ -261,7 +264,8 @@ def _observe_velocity(
         moves = correct + p_missed * zero + outlier
         _weigh(rows.p_standing, n, (1.0 - failures.p_outlier_standing) * zero + at_rest, moves)
         if p_missed > 0.0 or failures.p_outlier > 0.0:
-            weight[i] = correct / max(moves, SMALLEST)
+            share = correct / max(moves, SMALLEST)
+            weight[i] = share if share < SURE else 1.0
     return weight
 
 
