@@ -126,7 +126,6 @@ def test_a_network_of_two_sweeps_compares_over_the_longer_baseline_unless_traffi
     assert ages_ms(_source(file), 2.5) == [500, 100]
     assert ages_ms(_source(file, refined=False), 0.5) == [200]
     assert ages_ms(_source(file, baseline_s=0.1), 0.5) == [500, 100]
-    assert ages_ms(_source(file, sweeps=6), 0.5) == [500, 400, 300, 200, 100]
 
 
 def test_a_past_of_several_sweeps_is_prepared_sweep_by_sweep(file: Path) -> None:
