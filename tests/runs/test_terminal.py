@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from mottrack.eval.label_free import ERROR
 from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.formats.text_table import Column, TextTable, fitted
 from mottrack.runs.conclusion import conclusion
@@ -122,6 +123,13 @@ def test_the_conclusion_tells_of_the_significant_run_not_of_the_largest_change()
 
 
 def test_without_truth_the_conclusion_is_about_that() -> None:
-    runs = [SimpleNamespace(title="zero+kalman", finished=("a",), has_truth=False)]
+    runs = [
+        SimpleNamespace(title=title, finished=("a",), has_truth=False, given_truth=False)
+        for title in ("zero", "icp")
+    ]
     told = conclusion(SimpleNamespace(runs=runs, differences=[]))  # type: ignore[arg-type]
     assert told == "1 scene without truth: tracked, not scored."
+    error = PairedDifference(ERROR, 2.0, 0.3, -1.9, -1.5, 8)
+    judged = [RunDifferences("icp", "zero", 8, (error,))]
+    told = conclusion(SimpleNamespace(runs=runs, differences=judged))  # type: ignore[arg-type]
+    assert "icp against zero: flow error without labels 2.000 -> 0.300 m/s, significantly" in told
