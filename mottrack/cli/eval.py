@@ -63,6 +63,9 @@ def nuscenes(  # noqa: PLR0913
         bool, typer.Option("--error-classes", help="Count errors by kind, and what each costs.")
     ] = False,
     hota: Annotated[bool, typer.Option("--hota", help="HOTA and IDF1 beside AMOTA.")] = False,
+    velocity_error: Annotated[
+        bool, typer.Option(help="Velocity error by category: a quarter of the time.")
+    ] = True,
 ) -> None:
     """Compute the nuScenes tracking metrics (AMOTA, ...), equal to the devkit's.
 
@@ -74,7 +77,7 @@ def nuscenes(  # noqa: PLR0913
     from mottrack.eval.nuscenes.rules import Rules
 
     rules = Rules(interpolation=interpolation, arithmetic=arithmetic)
-    extras = command.Extras(picture, bootstrap, compare, error_classes, hota)
+    extras = command.Extras(picture, bootstrap, compare, error_classes, hota, velocity_error)
     request = command.Request(dataroot, version, split, submission, rules, strict)
     warned: list[str] = []
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from mottrack.core.storage import write_text
 from mottrack.eval.nuscenes.bodies import to_bodies
-from mottrack.eval.nuscenes.boxes import GroundTruth, Prepared
+from mottrack.eval.nuscenes.boxes import Bodies, GroundTruth, Prepared
 from mottrack.eval.nuscenes.clean_submission import CleanSubmission, read_clean
 from mottrack.eval.nuscenes.groundtruth import cached_ground_truth
 from mottrack.eval.nuscenes.metrics import Metrics, evaluate_prepared
@@ -74,7 +74,15 @@ class Evaluation:
     """Of the submission."""
     eval_time_s: float
     prepared: Prepared
-    velocity: SubmissionErrors
+    path: Path
+    """The submission."""
+    bodies: Bodies
+    """Its boxes with their velocities."""
+    truth: GroundTruth
+
+    def velocity_errors(self) -> SubmissionErrors:
+        """Return the velocity error of every box."""
+        return submission_errors(self.path, self.bodies, self.truth)
 
 
 def run(request: Request) -> Evaluation:
@@ -91,8 +99,8 @@ def run(request: Request) -> Evaluation:
     prepared = prepare(truth, read.boxes, request.rules)
     metrics = evaluate_prepared(prepared, request.rules)
     seconds = time.perf_counter() - began
-    velocity = submission_errors(request.submission, read.bodies, truth)
-    return Evaluation(metrics, problems, read.meta, seconds, prepared, velocity)
+    where = (request.submission, read.bodies, truth)
+    return Evaluation(metrics, problems, read.meta, seconds, prepared, *where)
 
 
 class _Read(NamedTuple):
@@ -151,6 +159,8 @@ class Extras:
     """A second submission."""
     error_classes: bool = False
     hota: bool = False
+    velocity: bool = True
+    """The velocity error of the tracks: a quarter of the time of an evaluation."""
 
 
 def evaluate(
@@ -167,7 +177,8 @@ def evaluate(
     write(evaluation, out)
     yield format_table(evaluation.metrics)
     other = run(replace(request, submission=extras.compare)) if extras.compare else None
-    yield from _velocity(evaluation, other, out)
+    if extras.velocity:
+        yield from _velocity(evaluation, other, out)
     if extras.picture:
         draw_recall_curves(evaluation.metrics, out / "recall_curves.png")
     # what needs scipy, slow to import, is imported on request
@@ -190,12 +201,14 @@ def evaluate(
 def _velocity(evaluation: Evaluation, other: Evaluation | None, out: Path) -> Iterator[str]:
     """Yield the paper's second metric, and that of a second submission beside it; write both."""
     classes = evaluation.metrics.rules.classes
-    rows = velocity_content(evaluation.velocity, classes)
+    errors = evaluation.velocity_errors()
+    rows = velocity_content(errors, classes)
     content: dict[str, Any] = {"velocity_error": rows}
-    yield from velocity_text(evaluation.velocity, rows)
+    yield from velocity_text(errors, rows)
     if other is not None:
-        yield from unknown_text(other.velocity)
-        found = velocity_differences(evaluation.velocity, other.velocity, classes)
+        others = other.velocity_errors()
+        yield from unknown_text(others)
+        found = velocity_differences(errors, others, classes)
         content["differences"] = [
             {"row": d.key.row, "metric": d.key.metric, **d.as_dict()} for d in found
         ]

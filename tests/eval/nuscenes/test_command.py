@@ -28,7 +28,7 @@ def test_all_options_write_their_files_and_tables(golden: dict[str, Any], tmp_pa
         assert text in output
     names = {path.name for path in tmp_path.iterdir()}
     files = "metrics_summary.json metrics_details.json metrics.csv recall_curves.png hota.json "
-    files += "error_classes.json bootstrap.json comparison.json"
+    files += "error_classes.json bootstrap.json comparison.json velocity_error.json"
     assert set(files.split()) <= names
     same = json.loads((tmp_path / "comparison.json").read_text())["differences"]["all"]["amota"]
     assert (same["low"], same["high"], same["significant"], same["scenes"]) == (0, 0, False, 3)
@@ -49,3 +49,9 @@ def test_warnings_go_to_a_file_and_strict_stops_at_them(
     assert len(json.loads((tmp_path / "problems.json").read_text())) > 100
     with pytest.raises(SubmissionError):
         run(case, tmp_path, "--strict", "--no-picture")
+
+
+def test_the_velocity_error_may_be_left_out(golden: dict[str, Any], tmp_path: Path) -> None:
+    output = run(golden["base_s11_n3"], tmp_path, "--no-picture", "--no-velocity-error")
+    assert "velocity" not in output
+    assert not (tmp_path / "velocity_error.json").exists()
