@@ -9,7 +9,7 @@ import pytest
 
 from mottrack.core.errors import ConfigError
 from mottrack.core.velocity_errors import NO_OUTLIERS
-from mottrack.eval.label_free import ERROR
+from mottrack.eval.label_free import ERROR, MOVING
 from mottrack.eval.paired import PairedDifference
 from mottrack.experiment.experiment import load_experiments
 from mottrack.flow.cluster_icp import ClusterIcpFlow
@@ -114,6 +114,14 @@ def test_weights_are_kept_only_where_better_and_nowhere_worse(alone, staged, aft
     reason = why_not(verdict, scores, replace(scores, dynamic_rmse=after_mps), AdaptConfig())
     assert word in reason
     assert bool(word) == bool(reason)
+
+
+def test_a_gain_at_rest_does_not_pay_for_a_loss_of_what_moves():
+    worse = replace(difference(0.16, 0.17, 0.004), key=MOVING)
+    rows = [(difference(0.5, 0.4, 0.05), worse), (difference(0.2, 0.2, 0.1),)]
+    verdict = Verdict(8, dict(zip(FIELDS, rows, strict=True)))
+    scores = Scores(2.0, 0.6, 0.7, 0.5, 0.02, 0.4, 0.9)
+    assert "moving residual" in why_not(verdict, scores, scores, AdaptConfig())
 
 
 def test_adapted_weights_have_the_error_model_of_those_before(tmp_path):

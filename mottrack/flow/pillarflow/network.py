@@ -10,7 +10,8 @@ from torch import nn
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.flow.pillarflow.config import NetworkConfig
-from mottrack.flow.pillarflow.decoders import OlderSweeps, make_decoder
+from mottrack.flow.pillarflow.decoder import OlderSweeps
+from mottrack.flow.pillarflow.decoders import make_decoder
 from mottrack.flow.pillarflow.layers import concatenate, conv_block
 from mottrack.flow.pillarflow.pillars import DESCRIPTORS, CellGrid, network_cells
 

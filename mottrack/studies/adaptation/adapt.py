@@ -14,6 +14,7 @@ import torch
 
 from mottrack.core.errors import ConfigError
 from mottrack.core.storage import write_text
+from mottrack.eval.label_free import MOVING, STATIC
 from mottrack.experiment.experiment import Experiment
 from mottrack.flow.pillarflow.decoders import PRESETS, preset
 from mottrack.flow.pillarflow.source import PillarFlowConfig, weights_path
@@ -154,6 +155,13 @@ def why_not(verdict: Verdict, before: Scores, after: Scores, config: AdaptConfig
             f"with the stages after it the error on {verdict.stretches} held-out stretches is "
             f"{staged.baseline:.3f} -> {staged.value:.3f} m/s, significantly worse"
         )
+    for name, rows in verdict.fields.items():
+        worse = [row for row in rows if row.key in (MOVING, STATIC) and row.better is False]
+        for row in worse:
+            return (
+                f"the {row.key.row} residual, {name}, on {verdict.stretches} held-out stretches is "
+                f"{row.baseline:.3f} -> {row.value:.3f} m/s, significantly worse"
+            )
     limit = (1.0 + config.most_forgotten) * before.dynamic_rmse
     if after.dynamic_rmse > limit:
         return (

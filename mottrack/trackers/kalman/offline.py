@@ -1,7 +1,7 @@
-"""Labels from a finished scene: tracks smoothed, linked across gaps, rid of ghosts, of one size.
+"""Labels from a finished scene: tracks smoothed, rid of ghosts, linked across gaps, of one size.
 
-Each track is smoothed (`smoothing`), tracklets of one object are joined (`linking`) and the gap
-between them is filled from both sides; tracks that are more likely false are dropped (`ghosts`).
+Each track is smoothed (`smoothing`), tracks that are more likely false are dropped (`ghosts`), and
+tracklets of one object are joined (`linking`), the gap between them filled from both sides.
 After its last detection a track goes on as long as its object is more likely there than gone, with
 the share of misses that the scene's own tracks have. The score of a track, the same at every step,
 is the mean of its detections' times h / (h + prior_misses), h being their number.
@@ -39,13 +39,13 @@ def labels(steps: Sequence[Tracks], config: KalmanConfig) -> list[Tracks]:
     """
     motions, chosen = Motions(steps, config), config.offline
     tracklets = [motions.of(t.label).smoothed(t) for t in tracklets_of(steps)]
+    if chosen.remove_ghosts:  # before links are sought, which would chain ghosts to long tracks
+        tracklets = _without_ghosts(tracklets)
     missed = miss_shares(tracklets)
     links = link(tracklets, steps, config) if chosen.link else []
     tracks = [_joined(parts, motions) for parts in _chains(tracklets, links)]
     rules = config.track_management
     tracks = [_ended(t, missed[t.label], rules) for t in tracks]
-    if chosen.remove_ghosts:
-        tracks = _without_ghosts(tracks)
     if chosen.vote_sizes:
         tracks = [_of_one_size(track) for track in tracks]
     return collected(steps, tracks)
