@@ -335,7 +335,6 @@ PRESETS: dict[str, dict[str, Any]] = {
             # 20 new road users of a class on 100 m x 100 m: a prior that five frames replace
             "clutter_density_per_m2": 0.002,
             "estimate_clutter": True,
-            "score_weight": 0.75,
         },
         "nms": {"enabled": True},
         "track_management": {"rule": "existence", "max_misses": 5, "max_coast_s": 6.0},
