@@ -14,6 +14,7 @@ import yaml
 from mottrack.cli import app
 from mottrack.experiment.configs import find_config, shipped_folder
 from mottrack.experiment.experiment import compose
+from mottrack.studies.folds.plan import Plan
 
 from .conftest import REPOSITORY, TEXTS, blocks, names
 
@@ -80,7 +81,8 @@ def test_experiment_files_in_the_documentation_compose() -> None:
     shown = [(f, block) for f in TEXTS for block in blocks(f, "yaml")]
     assert len(shown) >= 2
     for file, block in shown:
-        assert compose(yaml.safe_load(block), [], file)
+        content = yaml.safe_load(block)
+        assert Plan(**content) if "groups" in content else compose(content, [], file)
 
 
 @pytest.mark.parametrize("text", names(TEXTS))

@@ -214,7 +214,7 @@ def test_training(rehearsal: Rehearsal, tmp_path: Path) -> None:
     config = tmp_path / "train.yaml"
     config.write_text(
         f"network: small\nexamples:\n  dataset: {{kind: nuscenes, root: {rehearsal.root}}}\n"
-        "  pairs: 5\n  validation_pairs: 1\n  per_shard: 2\n  workers: 1\n"
+        "  pairs: 5\n  validation_pairs: 1\n  per_shard: 2\n"
         "steps: 1\nbatch_size: 1\nthreads: 1\n"
     )
     examples = tmp_path / "examples"

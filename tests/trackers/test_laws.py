@@ -10,6 +10,7 @@ from mottrack.core.errors import MottrackError
 from mottrack.core.motion import VelocityMeasurement
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import Pose
+from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.kalman.config import ClassNoise
 from mottrack.trackers.kalman.noise_tables import TABLES
@@ -51,10 +52,21 @@ def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker
             "mean_life_s": factor * config.track_management.mean_life_s,
         }
     )
-    velocity = config.velocity.model_copy(update={"floor_mps": config.velocity.floor_mps / factor})
+    test = config.velocity.test.model_copy(
+        update={"memory_s": factor * config.velocity.test.memory_s}
+    )
+    velocity = config.velocity.model_copy(
+        update={"floor_mps": config.velocity.floor_mps / factor, "test": test}
+    )
     rates = ("start_per_s", "stop_per_s", "rest_mps")
     changed = {name: getattr(config.standing, name) / factor for name in rates}
     standing = config.standing.model_copy(update=changed)
+    heading = config.heading.model_copy(
+        update={
+            "switch_per_s": config.heading.switch_per_s / factor,
+            "correlation_s": factor * config.heading.correlation_s,
+        }
+    )
     noise = config.noise.model_copy(update={"classes": classes})
     return config.model_copy(
         update={
@@ -62,18 +74,27 @@ def in_slow_motion(config: KalmanTracker.Config, factor: float) -> KalmanTracker
             "track_management": management,
             "velocity": velocity,
             "standing": standing,
+            "heading": heading,
         }
     )
 
 
 @pytest.mark.parametrize("factor", [2, 10])
 def test_slow_motion_changes_nothing_but_speeds(workload: Workload, factor: int) -> None:
-    stream = with_velocities(workload(7, frames=20, crowd=40), 7)
-    slow = []
-    for o in stream:
+    model = VelocityErrorModel(p_missed_slow=0.2, p_outlier=0.05)
+    slower = replace(
+        model,
+        missed_speed_mps=model.missed_speed_mps / factor,
+        outlier_sigma_mps=model.outlier_sigma_mps / factor,
+    )
+    stream, slow = [], []
+    for o in with_velocities(workload(7, frames=20, crowd=40), 7):
         assert o.velocity is not None
+        stream.append(o.with_velocity(o.velocity.with_error_model(model)))
         v = o.velocity
-        v = VelocityMeasurement(v.mean_mps / factor, v.covariance_m2ps2 / factor**2, v.valid)
+        v = VelocityMeasurement(
+            v.mean_mps / factor, v.covariance_m2ps2 / factor**2, v.valid, slower
+        )
         later = o.transformed(Pose.identity(), "world").with_velocity(v)
         slow.append(replace(later, stamp_ns=factor * o.stamp_ns))
     config = KalmanTracker.Config()
