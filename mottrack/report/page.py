@@ -117,7 +117,7 @@ def _summary(
 
 
 def _flow_value(comparison: Comparison) -> list[str]:
-    """Say what flow was worth, and which criteria of the experiment are met."""
+    """Say what flow was worth, and which criteria of the experiment are not met."""
     return [*plain_words(comparison.flow_values), *unmet(comparison.judged)]
 
 

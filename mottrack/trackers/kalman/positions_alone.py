@@ -35,7 +35,7 @@ class Tracked(NamedTuple):
 class PositionsAlone:
     """States and probabilities of standing of N tracks, corrected by positions alone.
 
-    Beside the bank, which holds the measured velocities: a witness that does not depend on them.
+    Beside the bank, which holds the measured velocities: an estimate that does not depend on them.
     Of the state only x, y, d_x, d_y are kept up.
     """
 
