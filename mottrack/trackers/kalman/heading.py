@@ -57,6 +57,24 @@ class Course(NamedTuple):
     """(n,) of that residual, without the heading's own."""
 
 
+class TurnModel(NamedTuple):
+    """What is known of detections and tracks before a step."""
+
+    p_detection: F64
+    """(n,) probability that a detection of each matched track's class is turned."""
+    p_changed: float
+    """Probability that a track came to be turned, or no longer is, since the last step."""
+
+
+class TurnCounts(NamedTuple):
+    """Detections by class, which the kernel adds to."""
+
+    turned: F64
+    """(K,) expected number that were turned."""
+    seen: F64
+    """(K,) number of all."""
+
+
 class Headings:
     """Probabilities of all live tracks that they are turned, row by row beside the bank."""
 
@@ -87,8 +105,8 @@ class Headings:
         f = self.p_detection_turned(seen.label)
         # a track that took over another object may be turned: both ways at one rate
         changed = 0.5 * (1.0 - math.exp(-2.0 * self._config.switch_per_s * elapsed_s))
-        counts = self._turned, self._seen
-        _observe_detections(self.p_turned, rows, seen, (f, changed), counts)
+        counts = TurnCounts(self._turned, self._seen)
+        _observe_detections(self.p_turned, rows, seen, TurnModel(f, changed), counts)
 
     def course(self, rows: I64, filters: tuple[F64, F64], moving: F64, slip_rad: F64) -> Course:
         """Return the courses of the tracks `rows` (n,); `moving` (n,) is how far each counts.
@@ -136,21 +154,20 @@ def _observe_detections(
     p_turned: F64,
     rows: I64,
     seen: DetectedHeadings,
-    priors: tuple[F64, float],
-    counts: tuple[F64, F64],
+    model: TurnModel,
+    counts: TurnCounts,
 ) -> None:
-    f, changed = priors
-    turned, total = counts
+    f = model.p_detection
     for i in range(len(rows)):
         n, c = rows[i], seen.label[i]
-        p = p_turned[n] + (1.0 - 2.0 * p_turned[n]) * changed
+        p = p_turned[n] + (1.0 - 2.0 * p_turned[n]) * model.p_changed
         same = _probability(2.0 * math.cos(seen.residual[i]) / seen.variance[i])
         right = (1.0 - f[i]) * same + f[i] * (1.0 - same)
         other = f[i] * same + (1.0 - f[i]) * (1.0 - same)
         p = _probability(_log_odds(p) + math.log(other / right))
         p_turned[n] = p
-        turned[c] += (1.0 - p) * (1.0 - same) + p * same
-        total[c] += 1.0
+        counts.turned[c] += (1.0 - p) * (1.0 - same) + p * same
+        counts.seen[c] += 1.0
 
 
 @compiled

@@ -32,6 +32,18 @@ class Tracked(NamedTuple):
     standing: Hypotheses
 
 
+class MotionModel(NamedTuple):
+    """How tracks move over a step."""
+
+    wiener: bool
+    """Process noise of a white acceleration, not of the diagonal alone."""
+    may_stand: bool
+    """Tracks start and stop."""
+    unit_s: float
+    """Time unit of the process noise."""
+    rates: Rates
+
+
 class PositionsAlone:
     """States and probabilities of standing of N tracks, corrected by positions alone.
 
@@ -70,8 +82,8 @@ class PositionsAlone:
     def predict(self, elapsed_s: F64, process: F64, unit_s: float) -> None:
         """Advance over `elapsed_s` (N,), with process noise (N, 11) per `unit_s`."""
         rates = rates_of(self._config, unit_s)
-        laws = self._wiener, self._config.use, unit_s, rates
-        _predict(self._standing.rows, self.filters, elapsed_s, process, laws)
+        model = MotionModel(self._wiener, self._config.use, unit_s, rates)
+        _predict(self._standing.rows, self.filters, elapsed_s, process, model)
 
     def observe(self, rows: I64, position: Observation) -> None:
         """Correct the tracks `rows` (n,)."""
@@ -88,25 +100,24 @@ def _predict(
     filters: tuple[F64, F64],
     elapsed_s: F64,
     process: F64,
-    laws: tuple[bool, bool, float, Rates],
+    model: MotionModel,
 ) -> None:
     """Predict by F and Q of `noise.pair_growth`, then let tracks start and stop."""
     mean, planar = filters
-    wiener, may_stand, unit_s, rates = laws
     for n in range(len(mean)):
-        t = elapsed_s[n] / unit_s
+        t = elapsed_s[n] / model.unit_s
         predict_planar(planar[n], t)
         for k in range(2):
             mean[n, k] += t * mean[n, k + 7]
             p, q = process[n, k], process[n, k + 7]
             planar[n, k, k] += p * t
             planar[n, k + 2, k + 2] += q * t
-            if wiener:
+            if model.wiener:
                 planar[n, k, k] += q * t**3 / 3.0
                 planar[n, k, k + 2] += q * t**2 / 2.0
                 planar[n, k + 2, k] += q * t**2 / 2.0
-    if may_stand:
-        change(rows, filters, elapsed_s, rates)
+    if model.may_stand:
+        change(rows, filters, elapsed_s, model.rates)
 
 
 @compiled

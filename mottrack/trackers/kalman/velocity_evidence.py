@@ -42,6 +42,17 @@ class Evidence(NamedTuple):
     """(2,) slope of the log-likelihood at gain 1, and its information."""
 
 
+class Residual(NamedTuple):
+    """An error of a velocity and its parts."""
+
+    error: F64
+    """(2,)"""
+    stated: F64
+    """(2, 2) covariance that the source states, scaled."""
+    track: F64
+    """(2, 2) covariance of the velocity that it is compared with."""
+
+
 class Before(NamedTuple):
     """What was known of the source before a step."""
 
@@ -114,8 +125,8 @@ def judge(
         outlier = (wild_at_rest + wild_moving) / total
         evidence.outliers[0] += outlier
         evidence.outliers[1] += outlier * 0.5 * (v[0] ** 2 + v[1] ** 2)
-        _learn_scale(evidence, 0, at_rest / total, (v, at_zero, nowhere))
-        _learn_scale(evidence, 1, seen_moving / total, (error, r, p))
+        _learn_scale(evidence, 0, at_rest / total, Residual(v, at_zero, nowhere))
+        _learn_scale(evidence, 1, seen_moving / total, Residual(error, r, p))
         for k in range(2):
             for c in range(2):
                 about[k, c] = gain**2 * about[k, c] + GAIN_SPREAD**2 * d[k] * d[c]
@@ -151,12 +162,9 @@ def _learn_gain(sums: F64, weight: float, error: F64, expected: tuple[F64, F64])
 
 
 @compiled
-def _learn_scale(evidence: Evidence, k: int, weight: float, of: tuple[F64, F64, F64]) -> None:
-    """Add slope and Fisher information of the log scale of r, along each axis of r.
-
-    The error (2,) has the covariance r + p.
-    """
-    error, r, p = of
+def _learn_scale(evidence: Evidence, k: int, weight: float, seen: Residual) -> None:
+    """Add slope and Fisher information of the log scale of what is stated, along its axes."""
+    error, r, p = seen
     half, middle = 0.5 * (r[0, 0] - r[1, 1]), 0.5 * (r[0, 0] + r[1, 1])
     apart = np.hypot(half, r[0, 1])
     angle = 0.5 * np.arctan2(r[0, 1], half)
