@@ -87,7 +87,7 @@ def test_a_loss_that_is_not_finite_ends_the_run(tmp_path: Path, box_example: Box
     trainer = Trainer(_config(2), ALONE, _made(tmp_path / "run"))
     with torch.no_grad():
         next(trainer.network.parameters()).fill_(float("nan"))
-    with pytest.raises(ConfigError, match="loss is nan at step 0 .* precision fp32"):
+    with pytest.raises(ConfigError, match=r"loss is nan at step 0 .* precision fp32"):
         trainer.fit([box_example(0)], [box_example(0)], lambda _: None)
 
 
