@@ -110,8 +110,8 @@ TABLE_I = Published(
     pairs=((EQUAL, ICP), (OGM, ICP), (EQUAL, OGM)),
     extra=("icp", PILLARFLOW, "binary_ogm", "pillarflow"),
     note="The networks had one recipe (make train-equal); PillarFlow itself is the default, which "
-    "was trained for longer. Displacement in metres between two sweeps: the sweeps of the paper are "
-    "further apart than our 0.1 s, so compare the order of the rows, not their values. A cell that a source did "
+    "was trained for longer. Displacement in metres between two sweeps: those of the paper are "
+    "further apart than our 0.1 s, so compare the order of the rows. A cell that a source did "
     "not measure counts as zero flow; the paper prints no static error of ICP, and its average is "
     "that of dynamic cells (omitted here). On TRI-cuboid the paper's AAE is lower for PillarFlow "
     "than for Binary OGM (0.087, 0.098), on nuScenes it is higher. Refined rows add the stages of "
