@@ -190,10 +190,10 @@ def _read(path: Path, source: str) -> GroundTruth | None:
     if not path.is_file():
         return None
     try:
-        arrays = read_arrays(path)
+        arrays = read_arrays(path, FORMAT)
     except ResultError:
         return None
-    if str(arrays.get("format")) != FORMAT or str(arrays.get("source")) != source:
+    if str(arrays.get("source")) != source:
         return None
     parts: dict[str, Any] = {
         prefix: kind(**{f.name: arrays[f"{prefix}.{f.name}"] for f in fields(kind)})
@@ -203,12 +203,12 @@ def _read(path: Path, source: str) -> GroundTruth | None:
 
 
 def _write(path: Path, source: str, truth: GroundTruth) -> None:
-    arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "source": np.array(source)}
+    arrays: dict[str, NDArray[Any]] = {"source": np.array(source)}
     for prefix in _PARTS:
         part = asdict(getattr(truth, prefix))
         arrays |= {f"{prefix}.{name}": value for name, value in part.items()}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_arrays(path, arrays)
+        write_arrays(path, arrays, FORMAT)
     except OSError:
         return
