@@ -53,6 +53,7 @@ class _Draft:
 
     @property
     def wheelbase_m(self) -> float:
+        """Distance between the axles."""
         return KINDS[self.label].wheelbase * self.size_m.length
 
 

@@ -98,6 +98,7 @@ class _Annotated(NamedTuple):
 
     @classmethod
     def of(cls, records: Sequence[SceneRecord], first: I64) -> "_Annotated":
+        """Join the boxes of scenes; `first` (S,) is the row of each scene's first sample."""
         counts = [len(record.box_sample) for record in records]
         return cls(
             sample=np.concatenate(
@@ -113,6 +114,7 @@ class _Annotated(NamedTuple):
         )
 
     def select(self, index: Mask) -> "_Annotated":
+        """Return the rows where `index` (N,) is true."""
         return _Annotated(**{name: values[index] for name, values in self._asdict().items()})
 
 
