@@ -46,6 +46,12 @@ class Predicted:
     """(N,) probability that a measured velocity is correct if the track moves (`standing`)."""
     p_missed: F64
     """(N,) probability that it misses the motion."""
+    place: F64
+    """(N, 2) where the track would stand (`standing`)."""
+    spread: F64
+    """(N, 2, 2) covariance of that place."""
+    p_standing: F64
+    """(N,) probability that it stands."""
 
     def select(self, index: NDArray[Any]) -> Predicted:
         """Return the rows that a mask or an index picks."""

@@ -204,6 +204,12 @@ class AssociationConfig(StrictModel):
         0.0, ge=0, description="of the score's log-odds in the likelihood of a pair"
     )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
+    new_at_rest: float = Field(
+        0.15,
+        ge=0,
+        lt=1,
+        description="share of detections without a track whose velocity is that of rest",
+    )
     velocity_limit: float | None = Field(
         None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"
     )

@@ -14,7 +14,7 @@ from mottrack.geometry.two_by_two import (
     inverse_quadratic_of,
     row_times_inverse,
 )
-from mottrack.trackers.kalman.standing import SMALLEST
+from mottrack.trackers.kalman.standing import SMALLEST, normal_density
 from mottrack.trackers.kalman.state import YAW
 
 
@@ -29,6 +29,7 @@ class Observed(NamedTuple):
     has_velocity: Mask
     likelihood_at_rest: F64
     outlier_likelihood: F64
+    standing_likelihood: F64
     clutter_likelihood: F64
 
 
@@ -40,6 +41,9 @@ class Expected(NamedTuple):
     z_yaw_size_variance: F64
     p_correct: F64
     p_missed: F64
+    place: F64
+    spread: F64
+    p_standing: F64
 
 
 class Compared(NamedTuple):
@@ -59,9 +63,10 @@ def pair_terms(
     """Return r' S^-1 r and -2 ln p(o_hat | track) + 2 ln p(d | clutter) of each pair, (P,) twice.
 
     S = H P H' + R is taken block by block: (x, y), the other compared numbers of the box, and where
-    a velocity was measured (d_x, d_y) given (x, y). In the likelihood the velocity is correct or a
-    failure of its source (`standing`), so a velocity that only this track explains supports the
-    pair. That the track may stand is left out: the hypothesis would claim what passes a parked car.
+    a velocity was measured (d_x, d_y) given (x, y). In the likelihood the velocity is that of an
+    object that stands, or of a mover correct or a failure of its source (`standing`), so a velocity
+    that only this track explains supports the pair, and a mover does not take a parked car. The
+    position is judged by the filter alone: the place would claim what passes a parked car.
     """
     rows, columns = pairs
     box, mean = seen.box, tracks.mean
@@ -82,10 +87,29 @@ def pair_terms(
             added, spread = _velocity_terms(seen, tracks, (i, j), s)
             density = np.exp(-0.5 * added) / (2.0 * np.pi * np.sqrt(spread))
             failed = tracks.p_missed[j] * seen.likelihood_at_rest[i] + seen.outlier_likelihood[i]
-            likelihood = max(tracks.p_correct[j] * density + failed, SMALLEST)
+            moves = tracks.p_correct[j] * density + failed
+            q = _standing_there(seen, tracks, (i, j), normal_density(offset[0], offset[1], s))
+            likelihood = max(q * seen.standing_likelihood[i] + (1.0 - q) * moves, SMALLEST)
             nll[p] += 2.0 * np.log(seen.clutter_likelihood[i] / likelihood)
             squared[p] += min(added, compared.velocity_limit)
     return squared, nll
+
+
+@compiled
+def _standing_there(
+    seen: Observed, tracks: Expected, pair: tuple[int, int], moves: float
+) -> float:
+    """Return the probability that the track of a pair stands, if it is at the detection.
+
+    `moves` is the density of the position under the filter.
+    """
+    i, j = pair
+    p = tracks.p_standing[j]
+    if p == 0.0:
+        return 0.0
+    x, y = seen.box[i, 0] - tracks.place[j, 0], seen.box[i, 1] - tracks.place[j, 1]
+    stands = p * normal_density(x, y, tracks.spread[j] + seen.xy_covariance[i])
+    return float(stands / max(stands + (1.0 - p) * moves, SMALLEST))
 
 
 @compiled

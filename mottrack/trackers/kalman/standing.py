@@ -278,21 +278,27 @@ def _weigh(p: F64, n: int, stands: float, moves: float) -> None:
 
 
 @compiled
-def velocity_likelihoods(seen: Observation, prior: F64, failures: Failures) -> F64:
-    """Return three densities (3, n) of measured velocities, whichever track they belong to.
+def velocity_likelihoods(
+    seen: Observation, prior: F64, at_rest: float, failures: Failures
+) -> F64:
+    """Return four densities (4, n) of measured velocities, whichever track they belong to.
 
-    The first is that of an object at rest, the second that of an outlier times its probability, the
-    third that of a new object whose velocity is N(0, prior), with `prior` (n, 2, 2).
+    The first is that of a missed motion, the second that of a moving object's outlier times its
+    probability, the third that of an object that stands. The fourth is that of a new object: it
+    stands with the probability `at_rest`, or moves by N(0, prior), with `prior` (n, 2, 2).
     """
-    result = np.empty((3, len(prior)))
+    result = np.empty((4, len(prior)))
     d = np.zeros(2)
     for i in range(len(prior)):
         v, r = seen.value[i], seen.covariance[i]
         p_missed = missed_share(failures, d, prior[i])
         zero = normal_density(v[0], v[1], failures.rest_scale * r)
-        outlier = failures.p_outlier * isotropic_density(v, failures.outlier_variance, r)
+        wild = isotropic_density(v, failures.outlier_variance, r)
+        outlier = failures.p_outlier * wild
+        stands = (1.0 - failures.p_outlier_standing) * zero + failures.p_outlier_standing * wild
         new = normal_density(v[0], v[1], prior[i] + r)
         result[0, i], result[1, i] = zero, outlier
         moves = (1.0 - p_missed - failures.p_outlier) * new + p_missed * zero + outlier
-        result[2, i] = max(moves, SMALLEST)
+        result[2, i] = stands
+        result[3, i] = max(at_rest * stands + (1.0 - at_rest) * moves, SMALLEST)
     return result

@@ -170,7 +170,7 @@ class KalmanTracker:
         missed = missed_shares(filters, self.law.failures)
         correct = 1.0 - self.law.failures.p_outlier - missed
         boxes = bank.z_yaw_size_variance(), self._tracks.label
-        tracks = Predicted(*filters, *boxes, correct, missed)
+        tracks = Predicted(*filters, *boxes, correct, missed, *self._standing.rows)
         if len(active) < len(bank):
             tracks = tracks.select(active)
         rows, columns = associate(seen, tracks, self.config, self._table.labels)
