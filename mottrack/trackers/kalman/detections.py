@@ -20,7 +20,8 @@ from mottrack.trackers.kalman.noise import (
     initial_velocity_covariance,
     position_covariance,
 )
-from mottrack.trackers.kalman.standing import Observation, velocity_likelihoods
+from mottrack.trackers.kalman.observations import Observation, SeenBoxes
+from mottrack.trackers.kalman.standing import velocity_likelihoods
 from mottrack.trackers.kalman.velocity_law import Law
 
 LEAST_DOUBT = 1e-3
@@ -64,6 +65,11 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.box)
+
+    @property
+    def boxes(self) -> SeenBoxes:
+        """What was measured of the boxes."""
+        return SeenBoxes(self.box, self.xy_covariance, self.z_yaw_size_variance)
 
     def select(self, index: NDArray[Any]) -> Detections:
         """Return the rows that a mask or an index picks."""

@@ -58,6 +58,10 @@ class NoiseTable:
             self._pack()
         return np.array([self._position[name] for name in names], np.int64)
 
+    def names(self, index: I64) -> Texts:
+        """Return the labels (N,) of those class indices."""
+        return np.asarray(self._names[index])
+
     def knows(self, label: Texts) -> Mask:
         """Return whether each label (N,) has noise of its own."""
         return np.isin(label, self.labels[: self._known])
@@ -77,6 +81,7 @@ class NoiseTable:
     def _pack(self) -> None:
         rows = self._classes
         self._position = {name: k for k, name in enumerate(self.labels)}
+        self._names = np.array(self.labels)
         self._packed = NoiseRows(
             observation=np.array([r.observation for r in rows]),
             lateral_ratio=np.array([r.lateral_ratio for r in rows]),

@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F64, I64, Mask
-from mottrack.trackers.kalman.block_bank import Blocks, correct_planar, predict_planar
+from mottrack.core.arrays import F64, Mask
+from mottrack.geometry.two_by_two import block_of
+from mottrack.trackers.kalman.block_bank import Residual, correct_planar, predict_planar
 from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.observations import Matched, Observation
 from mottrack.trackers.kalman.standing import (
     Hypotheses,
-    Observation,
     Rates,
     Standing,
     change,
@@ -55,12 +56,8 @@ class PositionsAlone:
         self._config = config.standing
         self._wiener = config.noise.form == "wiener"
         self._standing = Standing(config.standing)
-        self._blocks = _blocks(np.zeros((0, STATE_SIZE)), np.zeros((0, 4, 4)))
-
-    @property
-    def filters(self) -> tuple[F64, F64]:
+        self.filters = np.zeros((0, STATE_SIZE)), np.zeros((0, 4, 4))
         """Means (N, 11) and covariances of (x, y, d_x, d_y) (N, 4, 4)."""
-        return self._blocks.mean, self._blocks.planar
 
     @property
     def p_standing(self) -> F64:
@@ -69,14 +66,14 @@ class PositionsAlone:
 
     def append(self, tracks: Tracked) -> None:
         """Add n tracks, all of whose numbers come from positions."""
-        new = tracks.mean, tracks.planar
-        joined = (np.concatenate(pair) for pair in zip(self.filters, new, strict=True))
-        self._blocks = _blocks(*joined)
+        mean, planar = self.filters
+        self.filters = np.concatenate([mean, tracks.mean]), np.concatenate([planar, tracks.planar])
         self._standing.append(*tracks.standing)
 
     def keep(self, mask: Mask) -> None:
         """Drop every track outside the mask (N,)."""
-        self._blocks = _blocks(*(part[mask] for part in self.filters))
+        mean, planar = self.filters
+        self.filters = mean[mask], planar[mask]
         self._standing.keep(mask)
 
     def predict(self, elapsed_s: F64, process: F64, unit_s: float) -> None:
@@ -85,13 +82,9 @@ class PositionsAlone:
         model = MotionModel(self._wiener, self._config.use, unit_s, rates)
         _predict(self._standing.rows, self.filters, elapsed_s, process, model)
 
-    def observe(self, rows: I64, position: Observation) -> None:
-        """Correct the tracks `rows` (n,)."""
-        _observe(self._standing.rows, rows, position, self._blocks, self._config.use)
-
-
-def _blocks(mean: F64, planar: F64) -> Blocks:
-    return Blocks(mean, planar, np.zeros((0, 5)), np.zeros((0, 2)), np.zeros((0, 2)))
+    def observe(self, matched: Matched, position: Observation) -> None:
+        """Correct matched tracks."""
+        _observe(self._standing.rows, matched, position, self.filters, self._config.use)
 
 
 @compiled
@@ -102,33 +95,27 @@ def _predict(
     process: F64,
     model: MotionModel,
 ) -> None:
-    """Predict by F and Q of `noise.pair_growth`, then let tracks start and stop."""
-    mean, planar = filters
-    for n in range(len(mean)):
-        t = elapsed_s[n] / model.unit_s
-        predict_planar(planar[n], t)
-        for k in range(2):
-            mean[n, k] += t * mean[n, k + 7]
-            p, q = process[n, k], process[n, k + 7]
-            planar[n, k, k] += p * t
-            planar[n, k + 2, k + 2] += q * t
-            if model.wiener:
-                planar[n, k, k] += q * t**3 / 3.0
-                planar[n, k, k + 2] += q * t**2 / 2.0
-                planar[n, k + 2, k] += q * t**2 / 2.0
+    """Predict, then let tracks start and stop."""
+    for n in range(len(elapsed_s)):
+        predict_planar(filters, n, process, elapsed_s[n] / model.unit_s, model.wiener)
     if model.may_stand:
         change(rows, filters, elapsed_s, model.rates)
 
 
 @compiled
 def _observe(
-    rows: Hypotheses, chosen: I64, position: Observation, blocks: Blocks, may_stand: bool
+    rows: Hypotheses,
+    matched: Matched,
+    position: Observation,
+    filters: tuple[F64, F64],
+    may_stand: bool,
 ) -> None:
-    """Weigh positions (n,) of the tracks `chosen` (n,), then correct their states by them."""
+    """Weigh positions of matched tracks, then correct their states by them."""
     if may_stand:
-        weigh_position(rows, chosen, position, (blocks.mean, blocks.planar))
-    residual = np.empty((len(chosen), 2))
-    for i in range(len(chosen)):
-        for k in range(2):
-            residual[i, k] = position.value[i, k] - blocks.mean[chosen[i], k]
-    correct_planar(blocks, chosen, 0, residual, position.covariance)
+        weigh_position(rows, matched, position, filters)
+    mean, work = filters[0], np.empty((4, 8))
+    for m in range(len(matched.rows)):
+        n, i = matched.rows[m], matched.columns[m]
+        x, y = position.value[i, 0] - mean[n, 0], position.value[i, 1] - mean[n, 1]
+        residual = Residual(x, y, block_of(position.covariance, i, 0))
+        correct_planar(filters, n, 0, residual, work)

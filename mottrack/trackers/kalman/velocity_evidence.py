@@ -8,10 +8,17 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64
+from mottrack.geometry.two_by_two import (
+    Symmetric,
+    block_of,
+    row_times_inverse,
+    scaled,
+    sum_of,
+)
+from mottrack.trackers.kalman.observations import Observation
 from mottrack.trackers.kalman.standing import (
     SMALLEST,
     Failures,
-    Observation,
     isotropic_density,
     missed_share,
     normal_density,
@@ -45,12 +52,12 @@ class Evidence(NamedTuple):
 class Residual(NamedTuple):
     """An error of a velocity and its parts."""
 
-    error: F64
-    """(2,)"""
-    stated: F64
-    """(2, 2) covariance that the source states, scaled."""
-    track: F64
-    """(2, 2) covariance of the velocity that it is compared with."""
+    x: float
+    y: float
+    stated: Symmetric
+    """Covariance that the source states, scaled."""
+    track: Symmetric
+    """Covariance of the velocity that it is compared with."""
 
 
 class Before(NamedTuple):
@@ -95,22 +102,18 @@ def judge(
     """
     failures, gain = before.failures, before.gain
     _fade(evidence, before.kept)
-    # written over for each velocity: an array of its own would cost more than what is done with it
-    error, biased = np.empty(2), np.empty(2)
-    nowhere, at_zero, about = np.zeros((2, 2)), np.empty((2, 2)), np.empty((2, 2))
+    nowhere = Symmetric(0.0, 0.0, 0.0)
     for i in range(len(chosen)):
-        n, v, r = chosen[i], seen.value[i], seen.covariance[i]
-        d, p, q = tracks.mean[n, 7:9], tracks.planar[n, 2:, 2:], tracks.p_standing[n]
-        for k in range(2):
-            error[k], biased[k] = v[k] - d[k], gain * v[k] - d[k]
-            for c in range(2):
-                at_zero[k, c], about[k, c] = failures.rest_scale * r[k, c], p[k, c] + r[k, c]
-        missed = missed_share(failures, d, p)
-        zero = normal_density(v[0], v[1], at_zero)
-        wild = isotropic_density(v, failures.outlier_variance, r)
+        n, r = chosen[i], block_of(seen.covariance, i, 0)
+        x, y, d_x, d_y = seen.value[i, 0], seen.value[i, 1], tracks.mean[n, 7], tracks.mean[n, 8]
+        p, q = block_of(tracks.planar, n, 2), tracks.p_standing[n]
+        at_zero, about = scaled(r, failures.rest_scale), sum_of(p, r)
+        missed = missed_share(failures, d_x, d_y, p)
+        zero = normal_density(x, y, at_zero)
+        wild = isotropic_density(x, y, failures.outlier_variance, r)
         at_rest = q * (1.0 - failures.p_outlier_standing) * zero
         wild_at_rest = q * failures.p_outlier_standing * wild
-        expected = normal_density(error[0], error[1], about)
+        expected = normal_density(x - d_x, y - d_y, about)
         seen_moving = (1.0 - q) * (1.0 - missed - failures.p_outlier) * expected
         lost = (1.0 - q) * missed * zero
         wild_moving = (1.0 - q) * failures.p_outlier * wild
@@ -124,13 +127,13 @@ def judge(
         evidence.moving[2] += wild_moving / total
         outlier = (wild_at_rest + wild_moving) / total
         evidence.outliers[0] += outlier
-        evidence.outliers[1] += outlier * 0.5 * (v[0] ** 2 + v[1] ** 2)
-        _learn_scale(evidence, 0, at_rest / total, Residual(v, at_zero, nowhere))
-        _learn_scale(evidence, 1, seen_moving / total, Residual(error, r, p))
-        for k in range(2):
-            for c in range(2):
-                about[k, c] = gain**2 * about[k, c] + GAIN_SPREAD**2 * d[k] * d[c]
-        _learn_gain(evidence.gain, seen_moving / total, biased, (d, about))
+        evidence.outliers[1] += outlier * 0.5 * (x**2 + y**2)
+        _learn_scale(evidence, 0, at_rest / total, Residual(x, y, at_zero, nowhere))
+        _learn_scale(evidence, 1, seen_moving / total, Residual(x - d_x, y - d_y, r, p))
+        spread = scaled(Symmetric(d_x * d_x, d_x * d_y, d_y * d_y), GAIN_SPREAD**2)
+        about = sum_of(scaled(about, gain**2), spread)
+        biased = (gain * x - d_x, gain * y - d_y)
+        _learn_gain(evidence.gain, seen_moving / total, biased, (d_x, d_y), about)
     _step(evidence, before.weight)
 
 
@@ -151,12 +154,11 @@ def _step(evidence: Evidence, weight: float) -> None:
 
 
 @compiled
-def _learn_gain(sums: F64, weight: float, error: F64, expected: tuple[F64, F64]) -> None:
-    """Add d' S^-1 (v - d) and d' S^-1 d, with S the covariance (2, 2) of v about d."""
-    d, s = expected
-    xx, yy, xy = s[0, 0], s[1, 1], s[0, 1]
-    determinant = xx * yy - xy * xy
-    a, b = (yy * d[0] - xy * d[1]) / determinant, (xx * d[1] - xy * d[0]) / determinant
+def _learn_gain(
+    sums: F64, weight: float, error: tuple[float, float], d: tuple[float, float], s: Symmetric
+) -> None:
+    """Add d' S^-1 (v - d) and d' S^-1 d, with S the covariance of v about d."""
+    a, b = row_times_inverse(d[0], d[1], s)
     sums[0] += weight * (a * error[0] + b * error[1])
     sums[1] += weight * (a * d[0] + b * d[1])
 
@@ -164,17 +166,17 @@ def _learn_gain(sums: F64, weight: float, error: F64, expected: tuple[F64, F64])
 @compiled
 def _learn_scale(evidence: Evidence, k: int, weight: float, seen: Residual) -> None:
     """Add slope and Fisher information of the log scale of what is stated, along its axes."""
-    error, r, p = seen
-    half, middle = 0.5 * (r[0, 0] - r[1, 1]), 0.5 * (r[0, 0] + r[1, 1])
-    apart = np.hypot(half, r[0, 1])
-    angle = 0.5 * np.arctan2(r[0, 1], half)
+    r, p = seen.stated, seen.track
+    half, middle = 0.5 * (r.xx - r.yy), 0.5 * (r.xx + r.yy)
+    apart = np.hypot(half, r.xy)
+    angle = 0.5 * np.arctan2(r.xy, half)
     cos, sin = np.cos(angle), np.sin(angle)
     for axis in range(2):
         own = middle + apart if axis == 0 else middle - apart
         x, y = (cos, sin) if axis == 0 else (-sin, cos)
         if own > WIDEST:
             continue
-        whole = own + x * x * p[0, 0] + 2.0 * x * y * p[0, 1] + y * y * p[1, 1]
-        share, along = own / whole, x * error[0] + y * error[1]
+        whole = own + x * x * p.xx + 2.0 * x * y * p.xy + y * y * p.yy
+        share, along = own / whole, x * seen.x + y * seen.y
         evidence.slope[k] += weight * 0.5 * share * (along * along / whole - 1.0)
         evidence.information[k] += weight * 0.5 * share * share

@@ -26,8 +26,9 @@ from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.concerns import Concern
 from mottrack.core.velocity_errors import NO_OUTLIERS, VelocityErrorModel
 from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.observations import Matched, Observation
 from mottrack.trackers.kalman.positions_alone import PositionsAlone, Tracked
-from mottrack.trackers.kalman.standing import Failures, Observation
+from mottrack.trackers.kalman.standing import Failures
 from mottrack.trackers.kalman.velocity_evidence import (
     GAIN_SPREAD,
     Before,
@@ -68,8 +69,8 @@ class NoTest:
     def keep(self, mask: Mask) -> None:
         """Drop every track outside the mask (N,)."""
 
-    def observe(self, rows: I64, position: Observation) -> None:
-        """Correct the tracks `rows` (n,) by positions."""
+    def observe(self, matched: Matched, position: Observation) -> None:
+        """Correct matched tracks by positions."""
 
     def judge(self, rows: I64, velocity: Observation, law: Law) -> None:
         """Learn from the velocities (n,) of tracks, as `law` has scaled them."""
@@ -140,10 +141,10 @@ class VelocityTest(NoTest):
         if self._started:
             self._alone.keep(mask)
 
-    def observe(self, rows: I64, position: Observation) -> None:
-        """Correct the tracks `rows` (n,) by positions."""
+    def observe(self, matched: Matched, position: Observation) -> None:
+        """Correct matched tracks by positions."""
         if self._started:
-            self._alone.observe(rows, position)
+            self._alone.observe(matched, position)
 
     def judge(self, rows: I64, velocity: Observation, law: Law) -> None:
         """Learn from the velocities (n,) of tracks, as `law` has scaled them."""

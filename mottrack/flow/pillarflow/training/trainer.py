@@ -252,8 +252,11 @@ def _write_curve(history: list[dict[str, float]], out: Path) -> None:
     figure = Figure(figsize=(8, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     losses = [point for point in history if "loss" in point]
-    left.plot([p["step"] for p in losses], [p["loss"] for p in losses], linewidth=0.8)
-    left.set(xlabel="step", ylabel="training loss", yscale="log")
+    values = [p["loss"] for p in losses]
+    left.plot([p["step"] for p in losses], values, linewidth=0.8)
+    # the likelihood of a sharp covariance makes a loss negative
+    scale = "log" if min(values, default=0.0) > 0.0 else "linear"
+    left.set(xlabel="step", ylabel="training loss", yscale=scale)
     checks = [point for point in history if "dynamic_rmse" in point]
     for name in ("dynamic_rmse", "dynamic_median", "static_rmse"):
         right.plot([p["step"] for p in checks], [p[name] for p in checks], ".-", label=name)
