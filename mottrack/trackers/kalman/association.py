@@ -19,7 +19,7 @@ from mottrack.trackers.association import (
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_terms import Compared, Expected, Observed, pair_terms
-from mottrack.trackers.kalman.standing import Failures
+from mottrack.trackers.velocity_source.failures import Failures
 
 Pairs = tuple[I64, I64]
 

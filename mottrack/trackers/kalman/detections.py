@@ -22,7 +22,7 @@ from mottrack.trackers.kalman.noise import (
 )
 from mottrack.trackers.kalman.observations import Observation, SeenBoxes
 from mottrack.trackers.kalman.standing import velocity_likelihoods
-from mottrack.trackers.kalman.velocity_law import Law
+from mottrack.trackers.velocity_source.law import Law
 
 LEAST_DOUBT = 1e-3
 """Probabilities nearer to 0 and 1 count as this near: no detector errs so seldom."""

@@ -18,8 +18,13 @@ from mottrack.geometry.two_by_two import (
     row_times_inverse,
     sum_of,
 )
-from mottrack.trackers.kalman.standing import SMALLEST, Failures, missed_share, normal_density
 from mottrack.trackers.kalman.state import YAW
+from mottrack.trackers.velocity_source.failures import (
+    SMALLEST,
+    Failures,
+    missed_share,
+    normal_density,
+)
 
 
 class Observed(NamedTuple):

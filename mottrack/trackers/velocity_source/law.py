@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mottrack.core.velocity_errors import VelocityErrorModel
-from mottrack.trackers.kalman.standing import Failures
+from mottrack.trackers.velocity_source.failures import Failures
 
 
 class Law(NamedTuple):
