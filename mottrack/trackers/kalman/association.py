@@ -19,7 +19,7 @@ from mottrack.trackers.association import (
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_terms import Compared, Expected, Observed, pair_terms
-from mottrack.trackers.kalman.standing import Failures
+from mottrack.trackers.velocity_source.failures import Failures
 
 Pairs = tuple[I64, I64]
 
@@ -42,6 +42,12 @@ class Predicted:
     """(N, 5) variances of z, yaw, l, w, h."""
     label: I64
     """(N,) index of the class."""
+    place: F64
+    """(N, 2) where the track would stand (`standing`)."""
+    spread: F64
+    """(N, 2, 2) covariance of that place."""
+    p_standing: F64
+    """(N,) probability that it stands."""
     failures: Failures
     """How measured velocities err."""
 

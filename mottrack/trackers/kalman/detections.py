@@ -23,7 +23,7 @@ from mottrack.trackers.kalman.noise import (
 from mottrack.trackers.kalman.observations import Observation, SeenBoxes
 from mottrack.trackers.kalman.standing import velocity_likelihoods
 from mottrack.trackers.kalman.state import YAW
-from mottrack.trackers.kalman.velocity_law import Law
+from mottrack.trackers.velocity_source.law import Law
 
 LEAST_DOUBT = 1e-3
 """Probabilities nearer to 0 and 1 count as this near: no detector errs so seldom."""
@@ -44,9 +44,11 @@ class Detections:
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
     likelihood_at_rest: F64
-    """(N,) density of the velocity of an object at rest, N(v; 0, R_d)."""
+    """(N,) density of the velocity of a missed motion, N(v; 0, R_d)."""
     outlier_likelihood: F64
-    """(N,) density of the velocity as an outlier, with its probability (`standing`)."""
+    """(N,) density of the velocity as a mover's outlier, with its probability (`standing`)."""
+    standing_likelihood: F64
+    """(N,) density of the velocity of an object that stands, outliers included."""
     clutter_likelihood: F64
     """(N,) density of the velocity of an object without a track, failures included."""
     nll_gate: F64
@@ -103,13 +105,14 @@ def observations_of(
     measured = _velocities(objects, rows, config, law.model.relative)
     per_unit = law.unit_s / law.gain
     velocity, covariance = measured.mean * per_unit, measured.covariance * law.scale * per_unit**2
-    likelihood = np.zeros((3, len(rows)))
+    likelihood = np.zeros((4, len(rows)))
     if measured.valid.any():
         unexpected, seen = (
             initial_velocity_covariance(noise, yaw),
             Observation(velocity, covariance),
         )
-        likelihood = velocity_likelihoods(seen, unexpected, law.failures)
+        at_rest = config.association.new_at_rest if config.standing.use else 0.0
+        likelihood = velocity_likelihoods(seen, unexpected, at_rest, law.failures)
     return Detections(
         box=box,
         xy_covariance=position_covariance(noise, yaw),
@@ -118,7 +121,8 @@ def observations_of(
         velocity_covariance=covariance,
         likelihood_at_rest=likelihood[0],
         outlier_likelihood=likelihood[1],
-        clutter_likelihood=likelihood[2],
+        standing_likelihood=likelihood[2],
+        clutter_likelihood=likelihood[3],
         nll_gate=np.full(len(rows), np.inf),
         evidence=np.zeros(len(rows)),
         has_velocity=measured.valid,
