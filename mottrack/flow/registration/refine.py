@@ -18,7 +18,12 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Floats
 from mottrack.core.motion import FlowField
-from mottrack.flow.registration.components import medians_of_spans, moving_cells
+from mottrack.flow.registration.components import (
+    Similar,
+    medians_of_spans,
+    moving_cells,
+    owners_of_fragments,
+)
 from mottrack.flow.registration.matcher import CompareConfig, CurrentPoints, Labels
 from mottrack.flow.registration.motions import (
     MIN_POINTS,
@@ -40,7 +45,7 @@ class RefineConfig(StrictModel):
         2, ge=1, description="past sweeps to register to, evenly over those that are given"
     )
     least_probability: float = Field(
-        0.6, ge=0, le=1, description="of moving: a motion that is less likely is withdrawn"
+        0.5, ge=0, le=1, description="of moving: a motion that is less likely is withdrawn"
     )
 
 
@@ -74,6 +79,12 @@ def refine_components(
         return None
     current = CurrentPoints(pair, config.match)
     rows, cols, inside = field.grid.cells(current.points_m)
+    points = np.bincount(cells[rows, cols][inside] + 1, minlength=count + 1)[1:]
+    similar = Similar(config.similar_mps, config.similar_share)
+    medians = _medians(field.velocity_mps, cells, count)
+    owner = owners_of_fragments(cells, medians, points < MIN_POINTS, similar)
+    kept, owner = np.unique(owner, return_inverse=True)
+    cells, count = np.where(cells >= 0, owner[cells], -1), len(kept)
     labels = Labels(np.where(inside, cells[rows, cols], -1), count)
     claims = Claims(
         _medians(field.velocity_mps, cells, count), _medians(field.covariance_m2ps2, cells, count)
