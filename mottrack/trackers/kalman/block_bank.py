@@ -95,7 +95,8 @@ class BlockBank:
 
     def flip_heading(self, rows: I64) -> None:
         """Add pi to the headings of `rows`."""
-        self._blocks.mean[rows, YAW] = wrap_angle(self._blocks.mean[rows, YAW] + np.pi)
+        if len(rows):
+            self._blocks.mean[rows, YAW] = wrap_angle(self._blocks.mean[rows, YAW] + np.pi)
 
     def update_box(self, matched: Matched, seen: SeenBoxes) -> None:
         """Correct the matched tracks by their boxes; see `Bank.update_box`."""

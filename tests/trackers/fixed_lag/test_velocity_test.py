@@ -30,9 +30,7 @@ def errors(source: Source | None, *, tested: bool = True) -> tuple[np.ndarray, F
     tracker = FixedLagTracker(FixedLagTracker.Config(velocity_test={"use": tested}))
     found = np.full((STEPS, OBJECTS), np.nan)
     for k in range(STEPS):
-        place = 0.1 * k * velocity + np.column_stack(
-            [np.zeros(OBJECTS), 30.0 * np.arange(OBJECTS)]
-        )
+        place = 0.1 * k * velocity + np.column_stack([np.zeros(OBJECTS), 30.0 * np.arange(OBJECTS)])
         seen = place + rng.normal(0.0, 0.1, (OBJECTS, 2))
         error = rng.normal(size=(OBJECTS, 2))
         objects = Objects(
