@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.kalman.config import AssociationConfig
 
@@ -43,33 +44,48 @@ class ScoreEvidence:
             self._sums = np.zeros((0, 2, 3))
         if not self._are_probabilities:
             return score
-        likely = np.clip(score, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
+        likely = np.minimum(np.maximum(score, LEAST_DOUBT), 1.0 - LEAST_DOUBT)
         found: F64 = np.log(likely / (1.0 - likely))
         return found
 
     def weight(self, classes: int) -> F64:
         """Return w of each class (C,), at least 0."""
-        prior = self._config.score_weight
-        weight = np.full(classes, prior)
-        known = len(self._sums)
-        if known:
-            count, total, squares = np.moveaxis(self._sums, 2, 0)
-            mean = total / np.maximum(count, 1.0)
-            spread = (squares - count * mean**2).sum(axis=1) / np.maximum(count.sum(axis=1), 1.0)
-            found = (mean[:, TAKEN] - mean[:, LEFT]) / np.maximum(spread, LEAST_VARIANCE)
-            rarer = count.min(axis=1)
-            share = rarer / (rarer + self._config.score_prior_detections)
-            weight[:known] += share * (found - prior)
-        positive: F64 = np.maximum(weight, 0.0)
-        return positive
+        config = self._config
+        self._make_room(classes)
+        return _weights(self._sums, config.score_weight, config.score_prior_detections)
 
     def record(self, label: I64, log_odds: F64, left: Mask, classes: int) -> None:
         """Count the detections (n,) of a step; `left` says which of them no track took."""
-        if not self._config.estimate_score_weight:
-            return
-        kind = 2 * label + np.where(left, LEFT, TAKEN)
-        powers = (np.ones_like(log_odds), log_odds, log_odds**2)
-        counted = [np.bincount(kind, p, minlength=2 * classes) for p in powers]
-        sums: F64 = np.stack(counted, axis=1, dtype=np.float64).reshape(classes, 2, 3)
-        sums[: len(self._sums)] += self._sums
-        self._sums = sums
+        if self._config.estimate_score_weight:
+            self._make_room(classes)
+            _count(self._sums, label, log_odds, left)
+
+    def _make_room(self, classes: int) -> None:
+        missing = classes - len(self._sums)
+        if missing > 0:
+            self._sums = np.concatenate([self._sums, np.zeros((missing, 2, 3))])
+
+
+@compiled
+def _weights(sums: F64, prior: float, prior_detections: float) -> F64:
+    weights = np.empty(len(sums))
+    for c in range(len(sums)):
+        least, total, means, inner = np.inf, 0.0, np.zeros(2), 0.0
+        for kind in range(2):
+            count, first, second = sums[c, kind]
+            means[kind] = first / max(count, 1.0)
+            inner += second - count * means[kind] ** 2
+            least, total = min(least, count), total + count
+        variance = max(inner / max(total, 1.0), LEAST_VARIANCE)
+        found = (means[TAKEN] - means[LEFT]) / variance
+        share = least / (least + prior_detections)
+        weights[c] = max(prior + share * (found - prior), 0.0)
+    return weights
+
+
+@compiled
+def _count(sums: F64, label: I64, log_odds: F64, left: Mask) -> None:
+    for i in range(len(label)):
+        kind = LEFT if left[i] else TAKEN
+        for power in range(3):
+            sums[label[i], kind, power] += log_odds[i] ** power
