@@ -31,12 +31,14 @@ docs: $(READY_DOCS)
 package: $(READY)
 	$(BIN)/python .ci/package.py
 
-# hours each, on one core: interrupted, the same command goes on where it was, today or another day
+# Half an hour each on one core: a first run from random weights (binary_ogm an hour), then the equal one. Interrupted, the same
+# command goes on where it was, today or another day. NETWORKS=spynet trains one.
+NETWORKS ?= pwc binary_ogm spynet flownet with_ground
 train-equal: $(READY)
-	@for network in base binary_ogm spynet flownet; do echo "== $$network"; \
-	$(BIN)/mottrack train train_equal network=$$network --out runs/equal/$$network || exit 1; done
-	@echo "== with ground"
-	$(BIN)/mottrack train train_equal examples.remove_ground=false --out runs/equal/with_ground
+	@for name in $(NETWORKS); do echo "== $$name"; \
+	case $$name in pwc) one="";; with_ground) one="examples.remove_ground=false";; *) one="network=$$name";; esac; \
+	$(BIN)/mottrack train train_$$name precision=fp32 --out runs/first/$$name && \
+	$(BIN)/mottrack train train_equal $$one initial=runs/first/$$name/weights.safetensors --out runs/equal/$$name || exit 1; done
 
 bench: $(READY)
 	@for script in benchmarks/[a-z]*.py; do echo "== $$script"; $(BIN)/python $$script --quick || exit 1; done

@@ -5,11 +5,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from mottrack.cli import eval_tracks
 from mottrack.cli.arguments import FullHelpGroup, Strict
-from mottrack.cli.capabilities import capabilities
 from mottrack.cli.sceneflow import sceneflow
-from mottrack.cli.slices import calibration, label_errors, slices
-from mottrack.cli.tracked_page import tracked_report
 from mottrack.cli.warn import exit_with_warnings, warn_of
 
 group = typer.Typer(
@@ -28,11 +26,7 @@ Bootstrap = Annotated[
 def register(app: typer.Typer) -> None:
     """Add the verbs to the application."""
     group.command()(sceneflow)
-    group.command()(capabilities)
-    group.command()(slices)
-    group.command()(calibration)
-    group.command("label-errors")(label_errors)
-    group.command("report")(tracked_report)
+    eval_tracks.register(group)
     app.add_typer(group, name="eval")
 
 

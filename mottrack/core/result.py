@@ -26,7 +26,7 @@ TABLES: dict[str, type[Table]] = {
     "flow": FlowSamples,
 }
 BOXES = (
-    *("format", "name", "classes", "hull_xy_m"),
+    *("name", "classes", "hull_xy_m"),
     *("concerns.kind", "concerns.count", "concerns.example"),
     *(f"{prefix}.{c}" for prefix, kind in TABLES.items() if prefix != "flow" for c in kind.COLUMNS),
 )
@@ -120,7 +120,6 @@ class SceneResult:
     def save(self, path: Path | str) -> None:
         """Write everything but the timings, atomically."""
         arrays: dict[str, NDArray[np.generic]] = {
-            "format": np.array(FORMAT),
             "name": np.array(self.name),
             "classes": np.array(self.classes, dtype=np.str_),
             "hull_xy_m": self.hull_xy_m,
@@ -131,7 +130,7 @@ class SceneResult:
         for prefix, kind in TABLES.items():
             table = getattr(self, prefix)
             arrays |= {f"{prefix}.{column}": getattr(table, column) for column in kind.COLUMNS}
-        write_arrays(Path(path), arrays)
+        write_arrays(Path(path), arrays, FORMAT)
 
     @classmethod
     def load(cls, path: Path | str, *, flow: bool = True) -> SceneResult:
@@ -145,11 +144,9 @@ class SceneResult:
             ResultError: the file is missing, damaged, or of another version.
         """
         path = Path(path)
-        arrays = read_arrays(path, None if flow else BOXES)
+        arrays = read_arrays(path, FORMAT, None if flow else BOXES)
         if not flow:
             arrays |= {f"flow.{c}": getattr(NO_FLOW, c) for c in FlowSamples.COLUMNS}
-        if str(arrays.get("format")) != FORMAT:
-            raise ResultError(path, "format", arrays.get("format"), FORMAT)
         try:
             tables = {
                 prefix: kind(**{c: arrays[f"{prefix}.{c}"] for c in kind.COLUMNS})
@@ -162,8 +159,6 @@ class SceneResult:
                 concerns=_concerns(arrays),
                 **tables,  # type: ignore[arg-type]
             )
-        except KeyError as error:
-            raise ResultError(path, "content", f"without {error}", "every column") from error
         except InputError as error:
             raise ResultError(path, error.field, error.value, error.expected) from error
 

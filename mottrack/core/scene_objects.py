@@ -40,7 +40,7 @@ def save_objects(path: Path, steps: Sequence[SceneObjects]) -> None:
     """Store the key frames of one scene, atomically."""
     table = SceneObjects.stacked(steps)
     arrays = {name: getattr(table, name) for name in SceneObjects.COLUMNS}
-    write_arrays(path, {"format": np.array(FORMAT), **arrays})
+    write_arrays(path, arrays, FORMAT)
 
 
 def load_objects(path: Path) -> SceneObjects:
@@ -49,12 +49,8 @@ def load_objects(path: Path) -> SceneObjects:
     Raises:
         ResultError: the file is missing, damaged, or of another version.
     """
-    arrays = read_arrays(path)
-    if str(arrays.get("format")) != FORMAT:
-        raise ResultError(path, "format", arrays.get("format"), FORMAT)
+    arrays = read_arrays(path, FORMAT)
     try:
         return SceneObjects(**{name: arrays[name] for name in SceneObjects.COLUMNS})
-    except KeyError as error:
-        raise ResultError(path, "content", f"without {error}", "every column") from error
     except InputError as error:
         raise ResultError(path, error.field, error.value, error.expected) from error

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 
 from mottrack.core.arrays import F32, F64, I16, I64, Floats, Mask, Texts
 from mottrack.core.checks import Column, Columns
-from mottrack.core.errors import ResultError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.core.objects import Objects
@@ -117,7 +116,6 @@ def save_snapshots(path: Path, snapshots: Sequence[Snapshot]) -> None:
     grids = [s.grid for s in snapshots]
     objects = ObjectTable.stacked([s.objects for s in snapshots])
     arrays: dict[str, NDArray[Any]] = {
-        "format": np.array(FORMAT),
         "frame": np.array([s.frame for s in snapshots]),
         "grid": np.array([(g.x_min_m, g.x_max_m, g.y_min_m, g.y_max_m, g.cell_m) for g in grids]),
         "counts": np.array([(len(s.xyz_m), len(s.cells), len(s.objects)) for s in snapshots]),
@@ -130,7 +128,7 @@ def save_snapshots(path: Path, snapshots: Sequence[Snapshot]) -> None:
         column = getattr(objects, name)
         whole = name in ("label", "centre_m")
         arrays[f"objects.{name}"] = column if whole else column.astype(np.float32)
-    write_arrays(path, arrays)
+    write_arrays(path, arrays, FORMAT)
 
 
 def load_snapshots(path: Path) -> list[Snapshot]:
@@ -139,16 +137,7 @@ def load_snapshots(path: Path) -> list[Snapshot]:
     Raises:
         ResultError: the file is missing, damaged, or of another version.
     """
-    arrays = read_arrays(path)
-    if str(arrays.get("format")) != FORMAT:
-        raise ResultError(path, "format", arrays.get("format"), FORMAT)
-    try:
-        return _snapshots(arrays)
-    except KeyError as error:
-        raise ResultError(path, "content", f"without {error}", "every column") from error
-
-
-def _snapshots(arrays: dict[str, NDArray[Any]]) -> list[Snapshot]:
+    arrays = read_arrays(path, FORMAT)
     ends = np.cumsum(arrays["counts"], axis=0)[:-1].T
     points = np.split(STEP * arrays["xyz_cm"].astype(np.float32), ends[0])
     cells = np.split(arrays["cells"].astype(np.int64), ends[1])

@@ -18,6 +18,7 @@ from mottrack.core.errors import ResultError
 from mottrack.core.npz import unpacked_npz
 
 UNFINISHED = ".part"
+LAYOUT = "format"  # name of the array that says what a file holds
 CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
@@ -91,22 +92,41 @@ def _escaped(text: str) -> bool:
     return all(not "\ud800" <= c <= "\udfff" or "\udc80" <= c <= "\udcff" for c in text)
 
 
-def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
+class StoredArrays(dict[str, NDArray[Any]]):
+    """The arrays of one file by name; one that is absent raises a `ResultError`."""
+
+    def __init__(self, path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+        super().__init__(arrays)
+        self.path = path
+
+    def __missing__(self, name: str) -> NDArray[Any]:
+        raise ResultError(self.path, "content", f"without {name!r}", "every array")
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], layout: str | None = None) -> None:
     """Write named arrays as a compressed npz, followed by the SHA-256 of its bytes.
 
     The same arrays give the same bytes; ``numpy.load`` opens the file as well.
+
+    Args:
+        path: of the file, which is replaced atomically.
+        arrays: by name.
+        layout: name and version of what the file holds, for `read_arrays` to compare.
     """
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    named = {} if layout is None else {LAYOUT: np.array(layout)}
+    np.savez_compressed(buffer, **named, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
     write_bytes(path, data + hashlib.sha256(data).digest())
 
 
-def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_arrays(
+    path: Path, layout: str | None = None, wanted: Collection[str] | None = None
+) -> StoredArrays:
     """Read what ``write_arrays`` wrote, or the arrays of the wanted names; never unpickle.
 
     Raises:
-        ResultError: the file is missing, or a single bit of it has changed.
+        ResultError: the file is missing, a single bit of it has changed, or its layout is another.
     """
     try:
         whole = path.read_bytes()
@@ -117,6 +137,9 @@ def read_arrays(path: Path, wanted: Collection[str] | None = None) -> dict[str, 
     if stored != actual:
         raise ResultError(path, "checksum", stored.hex()[:12], f"{actual.hex()[:12]} (damaged?)")
     try:
-        return unpacked_npz(data, wanted)
+        arrays = StoredArrays(path, unpacked_npz(data, wanted and {LAYOUT, *wanted}))
     except ValueError as error:
         raise ResultError(path, "content", error, "arrays of mottrack") from error
+    if layout is not None and str(arrays.get(LAYOUT)) != layout:
+        raise ResultError(path, LAYOUT, arrays.get(LAYOUT), layout)
+    return arrays

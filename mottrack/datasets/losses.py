@@ -46,6 +46,7 @@ class _Tally:
     examples: dict[str, str] = field(default_factory=dict)
 
     def add(self, what: str, lost: int, of: int) -> None:
+        """Count `lost` of `of` boxes or values that a format has no place for."""
         self.lost[what] += lost
         self.of[what] += of
 

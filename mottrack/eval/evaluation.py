@@ -21,7 +21,7 @@ from mottrack.core.tables import FlowSamples
 from mottrack.eval import clear
 from mottrack.eval.flow_error import FlowTable
 from mottrack.eval.nuscenes.boxes import Prepared
-from mottrack.eval.nuscenes.error_classes import ClassErrors, classify_errors
+from mottrack.eval.nuscenes.error_counts import ClassErrors, classify_errors
 from mottrack.eval.nuscenes.metrics import Metrics
 from mottrack.eval.nuscenes.prepare import prepare_scenes, rules_for
 from mottrack.eval.nuscenes.resampling import Profile, evaluate_profiles, profiles

@@ -140,7 +140,7 @@ class SceneJudgements:
 
 def save_judgement(path: Path, sums: LabelFreeSums) -> None:
     """Store the sums of a scene, atomically."""
-    write_arrays(path, {"format": np.array(FORMAT), "sums": np.array(sums.row())})
+    write_arrays(path, {"sums": np.array(sums.row())}, FORMAT)
 
 
 def load_judgement(path: Path) -> LabelFreeSums:
@@ -149,10 +149,7 @@ def load_judgement(path: Path) -> LabelFreeSums:
     Raises:
         ResultError: the file is missing, damaged, or of another version.
     """
-    arrays = read_arrays(path)
-    if str(arrays.get("format")) != FORMAT:
-        raise ResultError(path, "format", arrays.get("format"), FORMAT)
-    sums = arrays.get("sums", np.zeros(0))
+    sums = read_arrays(path, FORMAT)["sums"]
     if sums.shape != (len(NAMES),) or not np.isfinite(sums).all() or (sums < 0).any():
         raise ResultError(path, "sums", sums.shape, f"{len(NAMES)} numbers, none negative")
     return LabelFreeSums(*sums.tolist())

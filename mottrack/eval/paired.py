@@ -48,6 +48,11 @@ class MetricKey:
     unit: str = field(default="", compare=False)
     lower_is_better: bool = field(default=True, compare=False)
 
+    @property
+    def title(self) -> str:
+        """The row and the metric with its unit, as one text."""
+        return f"{self.row}: {self.metric}" + (f" ({self.unit})" if self.unit else "")
+
 
 class Metric(Protocol):
     """A metric of a run as a function of how often each of its S scenes counts."""

@@ -157,10 +157,11 @@ def aligned(lines: Sequence[Sequence[str]]) -> str:
 def fitted(table: TextTable, width: int) -> str:
     """Return a table for a terminal of ``width`` characters; nothing is cut off.
 
-    Names that are too long are wrapped; columns that do not fit follow below, under the first one.
+    Names that are too long are wrapped, and left out where they repeat that of the row above;
+    columns that do not fit follow below, under the first one.
     """
     lines = [[column.name for column in table.columns], *table.texts()]
-    blocks = [_ruled(_repeats_left_out(block)) for block in _blocks(lines, width)]
+    blocks = [_ruled(block) for block in _blocks(lines, width)]
     note = [textwrap.fill(table.note, width)] if table.note else []
     return "\n".join([*textwrap.wrap(table.title, width), "\n\n".join(blocks), *note])
 
@@ -169,7 +170,11 @@ def _blocks(lines: Sequence[Sequence[str]], width: int) -> list[list[list[str]]]
     """Split the columns into groups that fit, each after the first column."""
     fits = len(aligned(lines).partition("\n")[0]) <= width
     most = width if fits else max(width // 3, SHORTEST_NAME)
-    first = [_wrapped(line[0], most) for line in lines]
+    names = [line[0] for line in lines]
+    first = [
+        [""] if name == before else _wrapped(name, most)
+        for name, before in zip(names, ["", *names], strict=False)
+    ]
     widths = [max(len(part) for name in first for part in name)]
     widths += [max(map(len, column)) for column in list(zip(*lines, strict=True))[1:]]
     groups: list[list[int]] = [[]]
@@ -196,13 +201,6 @@ def _wrapped(name: str, most: int) -> list[str]:
         parts.append(name[: cut or most])
         name = name[cut or most :]
     return [*parts, name]
-
-
-def _repeats_left_out(lines: list[list[str]]) -> list[list[str]]:
-    """Leave the first cell out where it is that of the line before."""
-    before = [""] + [line[0] for line in lines]
-    pairs = zip(lines, before, strict=False)
-    return [["" if line[0] == last else line[0], *line[1:]] for line, last in pairs]
 
 
 def _ruled(lines: list[list[str]]) -> str:

@@ -183,7 +183,7 @@ def missing_rows(request: Request) -> list[str]:
     return [
         f"mottrack train train_{name} --out {folder / name}"
         for name in ABLATIONS
-        if name != "pwc" and ablation_weights(name, request.ablation) is None
+        if ablation_weights(name, request.ablation) is None
     ]
 
 

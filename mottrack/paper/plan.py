@@ -23,7 +23,7 @@ STUDIES = ("flow", "tracking", "tracking_default", "velocity", "velocity_printed
 of one table, as printed and with the default settings, have the scenes in common."""
 WORLD = "world"
 ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
-"""Variants of Table II beside the shipped network."""
+"""Variants of Tables I and II that had one recipe; `pwc` is PillarFlow's own network."""
 
 
 class RecordedPlan(StrictModel):

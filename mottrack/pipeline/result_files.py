@@ -21,7 +21,8 @@ from mottrack.eval.kitti.boxes import KittiBoxes
 from mottrack.eval.kitti.files import Folders, read_folders
 from mottrack.eval.kitti.matching import NEIGHBOURS, KittiRules
 from mottrack.eval.nuscenes.command import Request, check, ground_truth
-from mottrack.eval.nuscenes.submission import Box, Submission, raise_all, read_submission
+from mottrack.eval.nuscenes.submission import Box, Submission, read_submission
+from mottrack.eval.nuscenes.submission_checks import raise_all
 from mottrack.eval.scores import ScoreConfig, ScoreFilter
 from mottrack.eval.tracked_scenes import TrackedScenes, Values
 from mottrack.formats.nuscenes_classes import CLASSES

@@ -9,7 +9,7 @@ import numpy as np
 
 from mottrack.core.arrays import Mask
 from mottrack.eval.evaluation import Evaluation
-from mottrack.eval.nuscenes.error_classes import ClassErrors
+from mottrack.eval.nuscenes.error_counts import ClassErrors
 from mottrack.eval.nuscenes.metrics import Curves
 from mottrack.eval.scores import ScoreFilter
 from mottrack.eval.streams import Wanted

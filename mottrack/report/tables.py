@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 
 from mottrack.eval.flow_error import FlowError
 from mottrack.eval.metric_info import FLOW, TRACKING, VELOCITY, MetricInfo
-from mottrack.eval.nuscenes.error_classes import ClassErrors
+from mottrack.eval.nuscenes.error_counts import ClassErrors
 from mottrack.eval.paired import MetricKey
 from mottrack.eval.scores import ClassScores
 from mottrack.eval.velocity_error import CATEGORIES, ErrorRow

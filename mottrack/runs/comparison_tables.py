@@ -13,7 +13,7 @@ from mottrack.runs.comparison import Comparison
 from mottrack.runs.criteria import criteria_table
 from mottrack.runs.differences import RunDifferences
 from mottrack.runs.label_free import label_free_table
-from mottrack.runs.scene_flow import figure_name, scene_flow_tables
+from mottrack.runs.scene_flow import scene_flow_tables
 from mottrack.runs.scored_run import ScoredRun
 from mottrack.runs.velocity_bench import bench_table
 
@@ -182,7 +182,7 @@ def flat_settings(tree: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
 def metric_name(key: MetricKey) -> str:
     """Return the name of a metric in a table of differences, with its unit."""
     if key.table == "sceneflow":
-        return f"scene flow, {figure_name(key)}"
+        return f"scene flow, {key.title}"
     what = {"tracking": "", "flow": "flow, ", "velocity": "velocity, ", "runtime": "time, "}
     what["label-free"] = "flow without labels, "
     row = "" if key.table == "tracking" else f"{key.row}, "

@@ -54,10 +54,6 @@ def label_free_table(runs: Sequence[ScoredRun]) -> TextTable | None:
     for key in KEYS:
         figures = [figures.get(key) for figures in sampled.values()]
         if any(figure is not None for figure in figures):
-            rows.append((_name(key), *map(interval_text, figures)))
+            rows.append((key.title, *map(interval_text, figures)))
     columns = (Column("figure"), *(Column(title) for title in sampled))
     return TextTable("label_free", "Flow without labels", columns, tuple(rows), NOTE)
-
-
-def _name(key: MetricKey) -> str:
-    return f"{key.row}: {key.metric}" + (f" ({key.unit})" if key.unit else "")

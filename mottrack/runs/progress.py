@@ -17,7 +17,8 @@ from mottrack.runs.tasks import Outcome, TaskProgress
 
 LINE_EVERY_S = 5.0
 """Between two lines of a log file; a terminal's bar moves with every message."""
-MINUTE_S, HOUR_S = 60, 3600
+MINUTE_S = 60
+HOUR_S = 60 * MINUTE_S
 COMPILING = f"compiling, once, about {COMPILING_S:.0f} s of CPU time"
 
 

@@ -57,7 +57,7 @@ def _headline(runs: dict[str, SceneSums]) -> TextTable:
     }
     for place in COMPARED:
         found = [figures.get(_key(place)) for figures in sampled.values()]
-        rows.append((figure_name(_key(place)), *map(interval_text, found)))
+        rows.append((_key(place).title, *map(interval_text, found)))
     columns = (Column("figure"), *(Column(title) for title in runs))
     return TextTable("sceneflow", "Scene flow", columns, tuple(rows), NOTE)
 
@@ -74,11 +74,6 @@ def _rows(runs: dict[str, SceneSums]) -> TextTable:
     columns += [Column(name, 4) for name in names]
     title = "Scene flow by range, speed and class"
     return TextTable("sceneflow_rows", title, tuple(columns), tuple(rows), NOTE)
-
-
-def figure_name(key: MetricKey) -> str:
-    """Return the name of a figure in a table."""
-    return f"{key.row}: {key.metric}" + (f" ({key.unit})" if key.unit else "")
 
 
 def _key(place: tuple[str, str]) -> MetricKey:

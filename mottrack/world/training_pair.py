@@ -91,11 +91,6 @@ class TrainingPair:
         """The earlier sweep of the pair."""
         return self.past[0].sweep
 
-    @property
-    def previous_truth(self) -> PointTruth:
-        """What its points belong to."""
-        return self.past[0].truth
-
 
 def training_pair(seed: int, index: int, config: TrainingConfig | None = None) -> TrainingPair:
     """Build pair ``index`` of a seed: the same on every call and in any process.

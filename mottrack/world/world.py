@@ -12,6 +12,7 @@ from mottrack.world.catalogue import Size
 from mottrack.world.config import DensityConfig
 from mottrack.world.driving import Motion, random_signals, simulate
 from mottrack.world.ground import Extent, build_ground
+from mottrack.world.initial_traffic import Start, populate
 from mottrack.world.materials import Materials, material_table
 from mottrack.world.roads import build_network
 from mottrack.world.roadside import ParkedVehicle, RoadsideStrip
@@ -19,7 +20,7 @@ from mottrack.world.solids import Solids, SolidsBuilder, concatenate, select
 from mottrack.world.states import States, join, place_bodies, resting, traffic_states
 from mottrack.world.street import line_road
 from mottrack.world.terrain import Terrain, heights_at
-from mottrack.world.traffic import Start, Traffic, populate
+from mottrack.world.traffic import Traffic
 from mottrack.world.unknown import UnknownObjects, draw_unknown_objects
 
 _PLACES = ("urban", "residential", "motorway")

@@ -14,7 +14,7 @@ import numpy as np
 from mottrack.core import MottrackError
 from mottrack.core.concerns import ConcernError
 from mottrack.core.printed import MAX_MESSAGE
-from mottrack.eval.nuscenes.submission import SubmissionError
+from mottrack.eval.nuscenes.submission_checks import SubmissionError
 from tests.fuzz.damage import Damaged
 from tests.fuzz.targets import TARGETS, Read, Target
 

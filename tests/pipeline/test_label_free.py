@@ -119,7 +119,7 @@ def test_sums_add_up_and_survive_a_file(judged, tmp_path):
     assert figures(total([one, one])) == pytest.approx(figures(one))
     save_judgement(tmp_path / "x.npz", one)
     assert load_judgement(tmp_path / "x.npz") == one
-    write_arrays(tmp_path / "y.npz", {"format": np.array("other"), "sums": np.zeros(len(NAMES))})
+    write_arrays(tmp_path / "y.npz", {"sums": np.zeros(len(NAMES))}, "other")
     with pytest.raises(ResultError, match="format"):
         load_judgement(tmp_path / "y.npz")
 

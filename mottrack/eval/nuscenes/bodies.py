@@ -9,7 +9,8 @@ import numpy as np
 from mottrack.core.arrays import F64
 from mottrack.eval.nuscenes.boxes import Bodies, BoxTable
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.nuscenes.submission import VECTORS, Submission
+from mottrack.eval.nuscenes.submission import Submission
+from mottrack.eval.nuscenes.submission_checks import VECTORS
 from mottrack.formats.rigid import quaternion_yaws
 
 

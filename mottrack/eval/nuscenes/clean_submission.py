@@ -2,9 +2,9 @@
 
 Most submissions are without fault, and then no box need become a Python object: the text is cut
 into one line a box, Arrow's JSON reader makes columns of it a block at a time, and every check of
-`submission.validate` is made on the columns. Where the text is not laid out as expected, a value
-is of another kind, or a check fails, nothing is decided here: the caller reads the file box by box
-(`submission.read_submission`), which names every problem with its place.
+`submission_checks.validate` is made on the columns. Where the text is not laid out as expected, a
+value is of another kind, or a check fails, nothing is decided here: the caller reads the file box
+by box (`submission.read_submission`), which names every problem with its place.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from mottrack.core.arrays import F64, I64
 from mottrack.eval.nuscenes.bodies import seen_from_above, sorted_bodies
 from mottrack.eval.nuscenes.boxes import Bodies, BoxTable, Samples
 from mottrack.eval.nuscenes.rules import MAX_BOXES_PER_SAMPLE, Rules
-from mottrack.eval.nuscenes.submission import (
+from mottrack.eval.nuscenes.submission_checks import (
     FRAME_CHECK_BOXES,
     MAX_NUMBER,
     UNIT_TOLERANCE,

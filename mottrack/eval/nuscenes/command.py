@@ -21,14 +21,12 @@ from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.resampling import differences, profiles, sampled_metrics
 from mottrack.eval.nuscenes.rules import Rules
 from mottrack.eval.nuscenes.submission import (
-    Problem,
     Submission,
     describe_samples,
-    raise_all,
     read_submission,
     to_boxes,
-    validate,
 )
+from mottrack.eval.nuscenes.submission_checks import Problem, raise_all, validate
 from mottrack.eval.nuscenes.velocity import (
     SubmissionErrors,
     comparison_text,
@@ -189,7 +187,7 @@ def evaluate(
         write_text(out / "hota.json", json.dumps(strict(scores), indent=2))
         yield format_identity(scores)
     if extras.error_classes:
-        from mottrack.eval.nuscenes.error_classes import as_plain, classify_errors, format_errors
+        from mottrack.eval.nuscenes.error_counts import as_plain, classify_errors, format_errors
 
         errors = classify_errors([evaluation.prepared], evaluation.metrics)
         write_text(out / "error_classes.json", json.dumps(strict(as_plain(errors)), indent=2))

@@ -98,6 +98,7 @@ class _Annotated(NamedTuple):
 
     @classmethod
     def of(cls, records: Sequence[SceneRecord], first: I64) -> "_Annotated":
+        """Join the boxes of scenes; `first` (S,) is the row of each scene's first sample."""
         counts = [len(record.box_sample) for record in records]
         return cls(
             sample=np.concatenate(
@@ -113,6 +114,7 @@ class _Annotated(NamedTuple):
         )
 
     def select(self, index: Mask) -> "_Annotated":
+        """Return the rows where `index` (N,) is true."""
         return _Annotated(**{name: values[index] for name, values in self._asdict().items()})
 
 
@@ -190,10 +192,10 @@ def _read(path: Path, source: str) -> GroundTruth | None:
     if not path.is_file():
         return None
     try:
-        arrays = read_arrays(path)
+        arrays = read_arrays(path, FORMAT)
     except ResultError:
         return None
-    if str(arrays.get("format")) != FORMAT or str(arrays.get("source")) != source:
+    if str(arrays.get("source")) != source:
         return None
     parts: dict[str, Any] = {
         prefix: kind(**{f.name: arrays[f"{prefix}.{f.name}"] for f in fields(kind)})
@@ -203,12 +205,12 @@ def _read(path: Path, source: str) -> GroundTruth | None:
 
 
 def _write(path: Path, source: str, truth: GroundTruth) -> None:
-    arrays: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "source": np.array(source)}
+    arrays: dict[str, NDArray[Any]] = {"source": np.array(source)}
     for prefix in _PARTS:
         part = asdict(getattr(truth, prefix))
         arrays |= {f"{prefix}.{name}": value for name, value in part.items()}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_arrays(path, arrays)
+        write_arrays(path, arrays, FORMAT)
     except OSError:
         return

@@ -31,12 +31,11 @@ def empty_sums() -> SceneFlowSums:
 def save_sums(path: Path, sums: SceneFlowSums) -> None:
     """Store the sums of a run's scene, atomically."""
     arrays: dict[str, NDArray[Any]] = {
-        "format": np.array(FORMAT),
         "row_names": np.array(list(sums.rows), np.str_),
         "rows": np.array(list(sums.rows.values())).reshape(-1, len(SUMS)),
     }
     arrays |= {name: np.asarray(getattr(sums, name)) for name in SHAPES}
-    write_arrays(path, arrays)
+    write_arrays(path, arrays, FORMAT)
 
 
 def load_sums(path: Path) -> SceneFlowSums:
@@ -45,14 +44,9 @@ def load_sums(path: Path) -> SceneFlowSums:
     Raises:
         ResultError: the file is missing, damaged, or of another version.
     """
-    arrays = read_arrays(path)
-    if str(arrays.get("format")) != FORMAT:
-        raise ResultError(path, "format", arrays.get("format"), FORMAT)
-    try:
-        tables = {name: arrays[name] for name in SHAPES}
-        names, rows = arrays["row_names"].tolist(), arrays["rows"]
-    except KeyError as error:
-        raise ResultError(path, "content", f"without {error}", "every table") from error
+    arrays = read_arrays(path, FORMAT)
+    tables = {name: arrays[name] for name in SHAPES}
+    names, rows = arrays["row_names"].tolist(), arrays["rows"]
     for name, shape in SHAPES.items():
         if tables[name].shape != shape:
             raise ResultError(path, f"shape of {name}", tables[name].shape, str(shape))

@@ -9,7 +9,7 @@ MOTA above 0 the official code reports 0 throughout.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -189,7 +189,7 @@ def evaluate(
         sequences = [part_sequence(segment, part, rules) for segment in segments]
         passes = [_pass(sequences, cutoff) for cutoff in _distinct(sequences, rules.cutoffs)]
         for level in LEVELS:
-            found[part.name, level] = best([(c, counts[level]) for c, counts in passes])
+            found[part.name, level] = best({c: counts[level] for c, counts in passes})
     return found
 
 
@@ -207,16 +207,16 @@ def _pass(sequences: Sequence[PartSequence], cutoff: float) -> tuple[float, dict
     }
 
 
-def best(passes: Sequence[tuple[float, WaymoCounts]]) -> WaymoMetrics:
-    """Return the metrics at the cutoff of the best MOTA, the lowest of equal ones.
+def best(passes: Mapping[float, WaymoCounts]) -> WaymoMetrics:
+    """Return the metrics at the cutoff of the best MOTA, the first of equal ones.
 
     >>> low, high = WaymoCounts(8, 6, 2, 1, 3, 1.2), WaymoCounts(8, 5, 3, 0, 0, 0.75)
-    >>> found = best([(0.0, low), (0.5, high)])
+    >>> found = best({0.0: low, 0.5: high})
     >>> found.mota, found.motp, found.miss, found.cutoff
     (0.625, 0.15, 0.375, 0.5)
     """
-    found = WaymoMetrics(truth=passes[0][1].truth)
-    for cutoff, c in passes:
+    found = WaymoMetrics(truth=next(iter(passes.values())).truth)
+    for cutoff, c in passes.items():
         if not c.truth:
             continue
         # in single precision as the official code, whose rounding decides between equal MOTAs

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F32, I64, Floats, Mask
+from mottrack.core.arrays import F32, F64, I64, Floats, Mask
 from mottrack.core.grid import BevGrid
 
 _MOVING_REACH = 2
 """Moving cells are linked across one empty cell: a surface seen at an angle has gaps."""
+_FRAGMENT_REACH = 4
+"""A fragment belongs to what moves alike up to so many cells away: the windows of a car are a gap
+of 1.5 m."""
 
 
 def connected_cells(xy_m: Floats, grid: BevGrid, far_m: float) -> tuple[I64, int]:
@@ -77,6 +82,50 @@ def _flood_fill(
     return labels, count
 
 
+class Similar(NamedTuple):
+    """Largest step of the velocity inside one component."""
+
+    step_mps: float
+    share: float
+    """The same, as a share of the speed."""
+
+
+@compiled
+def owners_of_fragments(cells: I64, velocity_mps: F64, fragment: Mask, similar: Similar) -> I64:
+    """Return (K,) the component that each belongs to: itself, and of a fragment its neighbour.
+
+    The neighbour is the nearest component that is none and moves alike.
+
+    Args:
+        cells: (H, W) component of each cell, -1 for none.
+        velocity_mps: (K, 2) of each component.
+        fragment: (K,) components that are fragments.
+        similar: how alike.
+    """
+    owner = np.arange(len(fragment))
+    nearest = np.full(len(fragment), np.int64(2 * _FRAGMENT_REACH**2 + 1))
+    height, width = cells.shape
+    k = _FRAGMENT_REACH
+    for row in range(height):
+        for col in range(width):
+            own = cells[row, col]
+            if own < 0 or not fragment[own]:
+                continue
+            for r in range(max(row - k, 0), min(row + k + 1, height)):
+                for c in range(max(col - k, 0), min(col + k + 1, width)):
+                    other = cells[r, c]
+                    squared = (r - row) ** 2 + (c - col) ** 2
+                    if other < 0 or fragment[other] or squared >= nearest[own]:
+                        continue
+                    vx, vy = velocity_mps[other, 0], velocity_mps[other, 1]
+                    dx, dy = velocity_mps[own, 0] - vx, velocity_mps[own, 1] - vy
+                    speed = np.sqrt(vx * vx + vy * vy)
+                    allowed = max(similar.step_mps, similar.share * speed)
+                    if dx * dx + dy * dy <= allowed * allowed:
+                        owner[own], nearest[own] = other, squared
+    return owner
+
+
 @compiled
 def footprints(shape: tuple[int, int], rows: I64, cols: I64, label_of: I64) -> I64:
     """Return (H, W) the label of each cell from its points, dilated into empty neighbours."""
@@ -94,3 +143,22 @@ def footprints(shape: tuple[int, int], rows: I64, cols: I64, label_of: I64) -> I
                     if dilated[i, j] < 0:
                         dilated[i, j] = labels[r, c]
     return dilated
+
+
+@compiled
+def medians_of_spans(values: Floats, spans: I64) -> F64:
+    """Return (K, D) the medians of rows spans[k] to spans[k + 1] of values (N, D), by column.
+
+    The mean of the two middle values is taken in the precision of the values, as numpy does.
+    """
+    medians = np.empty((len(spans) - 1, values.shape[1]))
+    half = values.dtype.type(0.5)
+    for k in range(len(medians)):
+        for d in range(values.shape[1]):
+            part = np.sort(values[spans[k] : spans[k + 1], d])
+            middle = len(part) // 2
+            median = part[middle]
+            if len(part) % 2 == 0:
+                median = (part[middle - 1] + median) * half
+            medians[k, d] = median
+    return medians

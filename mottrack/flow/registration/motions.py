@@ -57,6 +57,11 @@ _MOST_SIGMAS = 6.0
 """A claim that is surer of itself is not more often right."""
 _LEAST_COST_M = 0.02
 """Below the noise of a range a ratio of costs means nothing."""
+_LEAST_RATIO = 0.1
+"""A motion that leaves a tenth of the cost explains everything."""
+_FEW_POINTS = 5.0
+"""Points of a component whose ratio counts half: two or three fit nothing for certain. The same to
+a tenth of the likelihood's gain from 2 to 10."""
 
 
 class OddsWeights(NamedTuple):
@@ -66,15 +71,18 @@ class OddsWeights(NamedTuple):
     significance: float
     """For the mean significance over the past sweeps."""
     ratio: float
-    """For the mean ratio of the cost of the motion to that of rest."""
+    """For the logarithm of the mean ratio of the cost of the motion to that of rest, which counts
+    less where the points are few."""
     claim: float
     """For the length of the claim in its own standard deviations."""
+    correction: float
+    """For the distance of the fused velocity from the claim, as a share of the larger of both."""
 
 
-ODDS = OddsWeights(0.68, 0.43, -2.63, 0.36)
-"""Fitted to the components of three recorded drives and four scenes of the embedded world, each
-with the same weight, with one to three past sweeps. `benchmarks/flow_evidence.py` fits them again
-and judges them on each drive left out."""
+ODDS = OddsWeights(-1.45, 0.25, -5.2, 0.2, -2.71)
+"""Fitted to the components of three recorded drives and eight scenes of the embedded world, with
+one to three past sweeps. `benchmarks/flow_evidence.py` fits them again and judges them on each
+drive left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +110,7 @@ class ComponentMotions:
     points: I64
     """(K,) thinned points."""
     evidence: F64
-    """(K, 3) the numbers that `ODDS` weighs, in its order."""
+    """(K, 4) the numbers that `ODDS` weighs, in its order."""
     p_moving: F64
     """(K,) probability that the component moves."""
 
@@ -142,8 +150,9 @@ def component_motions(
     sigmas = _claim_sigmas(claims)
     nowhere = np.zeros((labels.count, 3))
     claimed = np.column_stack([-past[0].elapsed_s * claims.velocity_mps, nowhere])
-    first = _evidence(compared, [claimed], np.ones(labels.count, np.bool_))
-    wanted = _probability(first, sigmas) > _HOPELESS
+    fits_well = _evidence(compared, [claimed], np.ones(labels.count, np.bool_))
+    first = np.column_stack([fits_well, sigmas, np.zeros(labels.count)])
+    wanted = _probability(first) > _HOPELESS
     start_mps, turn_radps = claims.velocity_mps, np.zeros(labels.count)
     fits: list[_Fit] = []
     for sweep, scene in zip(past, scenes, strict=True):
@@ -162,23 +171,31 @@ def component_motions(
         )
         for fit in fits
     ]
-    evidence = np.where(wanted[:, None], _evidence(compared, moved, wanted), first)
+    last = [_evidence(compared, moved, wanted), sigmas, _corrections(claims, fusion.velocity_mps)]
+    evidence = np.where(wanted[:, None], np.column_stack(last), first)
     return ComponentMotions(
         velocity_mps=fusion.velocity_mps,
         covariance_m2ps2=fusion.covariance_m2ps2,
         turn_radps=turn_radps,
         centre_m=fits[0].centre_m,
         points=np.diff(sorted_points.components.spans),
-        evidence=np.column_stack([evidence, sigmas]),
-        p_moving=_probability(evidence, sigmas),
+        evidence=evidence,
+        p_moving=_probability(evidence),
     )
 
 
-def _probability(evidence: F64, claim_sigmas: F64) -> F64:
-    """Return (K,) the probability that each component moves, from its evidence (K, 2)."""
-    log_odds = ODDS.constant + ODDS.significance * evidence[:, 0] + ODDS.ratio * evidence[:, 1]
-    p: F64 = 1.0 / (1.0 + np.exp(-log_odds - ODDS.claim * claim_sigmas))
+def _probability(evidence: F64) -> F64:
+    """Return (K,) the probability that each component moves, from its evidence (K, 4)."""
+    p: F64 = 1.0 / (1.0 + np.exp(-ODDS.constant - evidence @ np.array(ODDS[1:])))
     return p
+
+
+def _corrections(claims: Claims, velocity_mps: F64) -> F64:
+    """Return (K,) how far velocities (K, 2) lie from the claims, as a share of the larger."""
+    speed_mps = np.maximum(np.hypot(*claims.velocity_mps.T), np.hypot(*velocity_mps.T))
+    apart_mps = np.hypot(*(velocity_mps - claims.velocity_mps).T)
+    share: F64 = apart_mps / np.maximum(speed_mps, _CLAIM_FLOOR_MPS)
+    return share
 
 
 def _fit(rows: F64, elapsed_s: float) -> _Fit:
@@ -278,14 +295,18 @@ class _Compared(NamedTuple):
 
 
 def _evidence(compared: _Compared, motions: Sequence[F64], wanted: Mask) -> F64:
-    """Return (K, 2) mean significance and ratio of costs of `motions`, (K, 5) for each scene."""
-    parts = []
+    """Return (K, 2) mean significance and logarithm of the mean ratio of costs.
+
+    `motions` are (K, 5) for each scene.
+    """
+    components, parts = compared.points.components, []
     for scene, motion in zip(compared.scenes, motions, strict=False):
-        components = compared.points.components
         rows = motion_evidence(scene, components, motion, wanted, compared.most)
         ratio = rows[:, 1] / np.maximum(rows[:, 2], _LEAST_COST_M)
         parts.append(np.column_stack([np.clip(rows[:, 0], *_FARTHEST), ratio]))
     mean: F64 = np.nan_to_num(np.mean(parts, axis=0))
+    points = np.diff(components.spans)
+    mean[:, 1] = np.log(np.maximum(mean[:, 1], _LEAST_RATIO)) * points / (points + _FEW_POINTS)
     return mean
 
 

@@ -18,7 +18,12 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F64, I64, Floats
 from mottrack.core.motion import FlowField
-from mottrack.flow.registration.components import moving_cells
+from mottrack.flow.registration.components import (
+    Similar,
+    medians_of_spans,
+    moving_cells,
+    owners_of_fragments,
+)
 from mottrack.flow.registration.matcher import CompareConfig, CurrentPoints, Labels
 from mottrack.flow.registration.motions import (
     MIN_POINTS,
@@ -40,7 +45,7 @@ class RefineConfig(StrictModel):
         2, ge=1, description="past sweeps to register to, evenly over those that are given"
     )
     least_probability: float = Field(
-        0.6, ge=0, le=1, description="of moving: a motion that is less likely is withdrawn"
+        0.5, ge=0, le=1, description="of moving: a motion that is less likely is withdrawn"
     )
 
 
@@ -74,6 +79,12 @@ def refine_components(
         return None
     current = CurrentPoints(pair, config.match)
     rows, cols, inside = field.grid.cells(current.points_m)
+    points = np.bincount(cells[rows, cols][inside] + 1, minlength=count + 1)[1:]
+    similar = Similar(config.similar_mps, config.similar_share)
+    medians = _medians(field.velocity_mps, cells, count)
+    owner = owners_of_fragments(cells, medians, points < MIN_POINTS, similar)
+    kept, owner = np.unique(owner, return_inverse=True)
+    cells, count = np.where(cells >= 0, owner[cells], -1), len(kept)
     labels = Labels(np.where(inside, cells[rows, cols], -1), count)
     claims = Claims(
         _medians(field.velocity_mps, cells, count), _medians(field.covariance_m2ps2, cells, count)
@@ -93,11 +104,11 @@ def chosen_past(pair: SweepPair, count: int) -> list[PastSweep]:
 def _medians(values: Floats, cells: I64, count: int) -> F64:
     """Return (K, ...) the median value of each component, of values (H, W, ...)."""
     chosen = cells >= 0
-    order = np.argsort(cells[chosen], kind="stable")
-    parts = np.split(
-        values[chosen][order], np.searchsorted(cells[chosen][order], np.arange(1, count))
-    )
-    return np.array([np.median(part, axis=0) for part in parts], dtype=np.float64)
+    owner = cells[chosen]
+    order = np.argsort(owner, kind="stable")
+    spans = np.searchsorted(owner[order], np.arange(count + 1))
+    found = medians_of_spans(values[chosen][order].reshape(len(order), -1), spans)
+    return found.reshape(count, *values.shape[2:])
 
 
 def _applied(field: FlowField, found: ClaimedComponents, least_probability: float) -> FlowField:

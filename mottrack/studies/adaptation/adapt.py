@@ -6,9 +6,9 @@ Every part leaves files in a work folder, from which an interrupted run goes on.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
 
@@ -26,7 +26,7 @@ from mottrack.flow.pillarflow.training.validation import Scores, cell_errors
 from mottrack.flow.pillarflow.weights_file import Weights, load_weights, save_weights
 from mottrack.flow.shipped_errors import write_beside
 from mottrack.runs.runner import scene_names
-from mottrack.studies.adaptation.card import card_text
+from mottrack.studies.adaptation.card import Outcome, card_text
 from mottrack.studies.adaptation.config import AdaptConfig, Files
 from mottrack.studies.adaptation.examples import (
     VALIDATION_SEED,
@@ -36,8 +36,7 @@ from mottrack.studies.adaptation.examples import (
     world_examples,
 )
 from mottrack.studies.adaptation.judgement import FIELDS, Judge, Verdict
-from mottrack.studies.adaptation.pseudo_labels import Coverage
-from mottrack.studies.adaptation.stretches import Split, split_logs
+from mottrack.studies.adaptation.stretches import split_logs
 
 WARM_UP_STEPS = 10
 """The optimiser has no moments yet: full steps would leave the weights' neighbourhood."""
@@ -55,37 +54,6 @@ class Watch(Protocol):
     def training(self, progress: Progress, steps: int) -> None:
         """Receive a training step."""
         ...
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What an adaptation has found."""
-
-    verdict: Verdict
-    before: Scores
-    """On held-out pairs of the embedded world."""
-    after: Scores
-    covered: Coverage
-    split: Split
-    reason: str
-    """Why the weights are not kept; empty where they are."""
-
-    @property
-    def kept(self) -> bool:
-        """Whether the adapted weights were written."""
-        return not self.reason
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the report as plain data."""
-        return {
-            "kept": self.kept,
-            "reason": self.reason,
-            "training stretches": [s.name for s in self.split.training],
-            "held-out stretches": [s.name for s in self.split.held_out],
-            "labelled cells": asdict(self.covered),
-            "held-out figures without labels": self.verdict.as_dict(),
-            "embedded world": {"before": asdict(self.before), "after": asdict(self.after)},
-        }
 
 
 def adapt(experiment: Experiment, config: AdaptConfig, out: Path, watch: Watch) -> Outcome:

@@ -1,16 +1,49 @@
-"""The card of adapted weights: how they were made and what they are worth, for a reader."""
+"""What an adaptation has found, and the card of the weights that says so."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from mottrack.experiment.experiment import Experiment
+from mottrack.flow.pillarflow.training.validation import Scores
 from mottrack.formats.text_table import to_markdown
 from mottrack.studies.adaptation.config import AdaptConfig, Files
+from mottrack.studies.adaptation.judgement import Verdict
+from mottrack.studies.adaptation.pseudo_labels import Coverage
+from mottrack.studies.adaptation.stretches import Split
 from mottrack.studies.adaptation.tables import figure_table, world_table
 
-if TYPE_CHECKING:
-    from mottrack.studies.adaptation.adapt import Outcome
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an adaptation has found."""
+
+    verdict: Verdict
+    before: Scores
+    """On held-out pairs of the embedded world."""
+    after: Scores
+    covered: Coverage
+    split: Split
+    reason: str
+    """Why the weights are not kept; empty where they are."""
+
+    @property
+    def kept(self) -> bool:
+        """Whether the adapted weights were written."""
+        return not self.reason
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        return {
+            "kept": self.kept,
+            "reason": self.reason,
+            "training stretches": [s.name for s in self.split.training],
+            "held-out stretches": [s.name for s in self.split.held_out],
+            "labelled cells": asdict(self.covered),
+            "held-out figures without labels": self.verdict.as_dict(),
+            "embedded world": {"before": asdict(self.before), "after": asdict(self.after)},
+        }
 
 
 def card_text(files: Files, experiment: Experiment, config: AdaptConfig, outcome: Outcome) -> str:

@@ -19,10 +19,8 @@ def figure_table(verdict: Verdict) -> TextTable:
         for row in found:
             known = row.low == row.low
             half = f" ± {row.high - row.difference:.3f}" if known else ""
-            unit = f" ({row.key.unit})" if row.key.unit else ""
-            figure = f"{row.key.row}: {row.key.metric}{unit}"
             change = f"{row.difference:+.3f}{half}{WORDS[row.better]}"
-            rows.append((name, figure, row.baseline, row.value, change))
+            rows.append((name, row.key.title, row.baseline, row.value, change))
     heads = ("field", "figure", "before", "after", "difference")
     title = f"Without labels, {verdict.stretches} held-out stretches of the logs"
     note = "± is half the 95 % interval of the paired difference over stretches"

@@ -10,6 +10,7 @@ from mottrack.config import StrictModel
 from mottrack.core.velocity_errors import PROBABILITIES
 from mottrack.trackers.kalman.presets import PRESETS, merged
 from mottrack.trackers.kalman.track_management import TrackManagementConfig
+from mottrack.trackers.velocity_source.config import VelocityTestConfig
 
 Variance = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
@@ -47,23 +48,6 @@ class NoiseConfig(StrictModel):
     )
     classes: dict[str, ClassNoise] = Field(
         default_factory=dict, description="noise by class, in place of the table's"
-    )
-
-
-class VelocityTestConfig(StrictModel):
-    """The estimate of how the source errs, from the positions of tracks (`velocity_test`)."""
-
-    use: bool = Field(
-        True, description="weigh velocities by how they agree with the positions of the tracks"
-    )
-    prior_velocities: float = Field(
-        30.0, gt=0, description="weight of a calibrated source's error model, in velocities"
-    )
-    uncalibrated_velocities: float = Field(
-        10.0, gt=0, description="weight of the stated covariance of a source that has none"
-    )
-    memory_s: float = Field(
-        60.0, gt=0, description="time after which a velocity counts e times less"
     )
 
 
@@ -211,6 +195,12 @@ class AssociationConfig(StrictModel):
         20.0, gt=0, description="weight of the prior, in detections that no track took"
     )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
+    new_at_rest: float = Field(
+        0.15,
+        ge=0,
+        lt=1,
+        description="share of detections without a track whose velocity is that of rest",
+    )
     velocity_limit: float | None = Field(
         None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"
     )

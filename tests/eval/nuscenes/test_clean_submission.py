@@ -15,7 +15,8 @@ from mottrack.eval.nuscenes.boxes import Samples
 from mottrack.eval.nuscenes.clean_submission import read_clean
 from mottrack.eval.nuscenes.groundtruth import read_ground_truth
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.nuscenes.submission import read_submission, to_boxes, validate
+from mottrack.eval.nuscenes.submission import read_submission, to_boxes
+from mottrack.eval.nuscenes.submission_checks import validate
 from mottrack.formats.nuscenes_splits import resolve_split
 
 Content = dict[str, Any]

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from mottrack.cli import app
-from mottrack.eval.nuscenes.submission import SubmissionError
+from mottrack.eval.nuscenes.submission_checks import SubmissionError
 
 
 def run(case: Any, out: Path, *more: str, code: int = 0) -> str:

@@ -11,11 +11,9 @@ from mottrack.eval.nuscenes.error_classes import (
     FALSE_POSITIVES,
     SWITCHES,
     ErrorClassifier,
-    as_plain,
-    classify_errors,
-    format_errors,
     truth_speeds,
 )
+from mottrack.eval.nuscenes.error_counts import as_plain, classify_errors, format_errors
 from mottrack.eval.nuscenes.metrics import class_scenes, evaluate_prepared
 from mottrack.eval.nuscenes.prepare import prepare
 from mottrack.eval.nuscenes.rules import Rules

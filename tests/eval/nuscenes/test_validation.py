@@ -11,13 +11,12 @@ from mottrack.core.errors import DataError
 from mottrack.eval.nuscenes import command
 from mottrack.eval.nuscenes.boxes import Samples
 from mottrack.eval.nuscenes.rules import Rules
-from mottrack.eval.nuscenes.submission import (
+from mottrack.eval.nuscenes.submission import Submission, read_submission
+from mottrack.eval.nuscenes.submission_checks import (
     Problem,
-    Submission,
     SubmissionError,
     is_clean,
     raise_all,
-    read_submission,
     validate,
 )
 

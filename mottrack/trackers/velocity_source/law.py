@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
+from mottrack.core.arrays import F64
 from mottrack.core.velocity_errors import VelocityErrorModel
-from mottrack.trackers.kalman.standing import Failures
+from mottrack.trackers.velocity_source.failures import Failures
 
 
 class Law(NamedTuple):
@@ -20,6 +22,21 @@ class Law(NamedTuple):
     """Factor on the stated covariance."""
     unit_s: float
     """Length of the tracker's unit of time."""
+
+    @property
+    def error_model(self) -> VelocityErrorModel:
+        """The source's model, with the shares that were found."""
+        found = self.failures
+        return replace(
+            self.model,
+            p_missed_motion=found.p_missed,
+            p_missed_slow=found.p_slow,
+            p_outlier=found.p_outlier,
+        )
+
+    def factor(self, p_standing: F64) -> F64:
+        """Return the factor (n,) on stated covariances of objects that may stand."""
+        return self.scale * (1.0 - p_standing + p_standing * self.failures.rest_scale)
 
     @classmethod
     def stated(cls, model: VelocityErrorModel, unit_s: float) -> Law:
