@@ -50,42 +50,42 @@ class ScoreEvidence:
 
     def weight(self, classes: int) -> F64:
         """Return w of each class (C,), at least 0."""
+        self._grow(classes)
         config = self._config
-        self._make_room(classes)
         return _weights(self._sums, config.score_weight, config.score_prior_detections)
 
     def record(self, label: I64, log_odds: F64, left: Mask, classes: int) -> None:
         """Count the detections (n,) of a step; `left` says which of them no track took."""
         if self._config.estimate_score_weight:
-            self._make_room(classes)
+            self._grow(classes)
             _count(self._sums, label, log_odds, left)
 
-    def _make_room(self, classes: int) -> None:
-        missing = classes - len(self._sums)
-        if missing > 0:
-            self._sums = np.concatenate([self._sums, np.zeros((missing, 2, 3))])
+    def _grow(self, classes: int) -> None:
+        new = classes - len(self._sums)
+        if new > 0:
+            self._sums = np.concatenate([self._sums, np.zeros((new, 2, 3))])
 
 
 @compiled
 def _weights(sums: F64, prior: float, prior_detections: float) -> F64:
-    weights = np.empty(len(sums))
+    weight = np.empty(len(sums))
     for c in range(len(sums)):
-        least, total, means, inner = np.inf, 0.0, np.zeros(2), 0.0
-        for kind in range(2):
-            count, first, second = sums[c, kind]
-            means[kind] = first / max(count, 1.0)
-            inner += second - count * means[kind] ** 2
-            least, total = min(least, count), total + count
-        variance = max(inner / max(total, 1.0), LEAST_VARIANCE)
-        found = (means[TAKEN] - means[LEFT]) / variance
-        share = least / (least + prior_detections)
-        weights[c] = max(prior + share * (found - prior), 0.0)
-    return weights
+        left, taken = sums[c, LEFT], sums[c, TAKEN]
+        rarer = min(left[0], taken[0])
+        found = prior
+        if rarer > 0.0:
+            difference = taken[1] / taken[0] - left[1] / left[0]
+            squares = taken[2] - taken[1] ** 2 / taken[0] + left[2] - left[1] ** 2 / left[0]
+            found = difference / max(squares / (taken[0] + left[0]), LEAST_VARIANCE)
+        share = rarer / (rarer + prior_detections)
+        weight[c] = max(prior + share * (found - prior), 0.0)
+    return weight
 
 
 @compiled
 def _count(sums: F64, label: I64, log_odds: F64, left: Mask) -> None:
     for i in range(len(label)):
         kind = LEFT if left[i] else TAKEN
-        for power in range(3):
-            sums[label[i], kind, power] += log_odds[i] ** power
+        sums[label[i], kind, 0] += 1.0
+        sums[label[i], kind, 1] += log_odds[i]
+        sums[label[i], kind, 2] += log_odds[i] ** 2
