@@ -25,9 +25,6 @@ from mottrack.trackers.kalman.standing import velocity_likelihoods
 from mottrack.trackers.kalman.state import YAW
 from mottrack.trackers.velocity_source.law import Law
 
-LEAST_DOUBT = 1e-3
-"""Probabilities nearer to 0 and 1 count as this near: no detector errs so seldom."""
-
 
 @dataclass(frozen=True, slots=True)
 class Detections:
@@ -54,7 +51,7 @@ class Detections:
     nll_gate: F64
     """(N,) -2 ln lambda: a pair with a higher -2 ln likelihood is likelier clutter (`clutter`)."""
     evidence: F64
-    """(N,) what the score says for a true detection, as log-odds (`ScoreEvidence`)."""
+    """(N,) what the score says for a track's object, as log-odds (`score_evidence`)."""
     has_velocity: Mask
     """(N,) whether the velocity was measured."""
     label: I64
@@ -181,27 +178,6 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
     better, worse = candidate_pairs(ranked[:, :2], ranked[:, :2], reach, (group[order],) * 2)
     later = better < worse
     return np.sort(order[uncovered(ranked, (better[later], worse[later]), iou)])
-
-
-class ScoreEvidence:
-    """Log-odds of scores: of a probability its own, of another score the score itself.
-
-    Scores of a logistic output are log-odds up to an offset and a factor. That scores are no
-    probabilities is known from the first one outside of [0, 1] on.
-    """
-
-    def __init__(self) -> None:
-        self._are_probabilities = True
-
-    def of(self, score: F64) -> F64:
-        """Return the evidence (N,) of the scores of a step."""
-        inside = (score >= 0.0) & (score <= 1.0)
-        self._are_probabilities &= bool(inside.all())
-        if not self._are_probabilities:
-            return score
-        likely = np.minimum(np.maximum(score, LEAST_DOUBT), 1.0 - LEAST_DOUBT)
-        found: F64 = np.log(likely / (1.0 - likely))
-        return found
 
 
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:

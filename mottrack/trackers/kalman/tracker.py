@@ -17,7 +17,6 @@ from mottrack.trackers.kalman.clutter import MIN_AREA_M2, ClutterDensity, spanne
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import (
     Detections,
-    ScoreEvidence,
     error_model_of,
     observations_of,
 )
@@ -25,6 +24,7 @@ from mottrack.trackers.kalman.heading import DetectedHeadings, Headings, Motion,
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
 from mottrack.trackers.kalman.observations import Matched, Observation
 from mottrack.trackers.kalman.positions_alone import Moved, Tracked
+from mottrack.trackers.kalman.score_evidence import ScoreEvidence
 from mottrack.trackers.kalman.standing import Hypotheses, Standing
 from mottrack.trackers.kalman.state import SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.track_management import make_management, record_hits
@@ -55,7 +55,7 @@ class KalmanTracker:
         self._test = make_test(self.config)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
-        self._evidence = ScoreEvidence()
+        self._evidence = ScoreEvidence(self.config.association)
         self._hulls = LastHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
@@ -81,7 +81,8 @@ class KalmanTracker:
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
         seen.nll_gate[:] = gates[seen.label]
-        seen.evidence[:] = self._evidence.of(seen.score)
+        log_odds = self._evidence.log_odds(seen.score)
+        seen.evidence[:] = self._evidence.weight(len(gates))[seen.label] * log_odds
         first, self._stamp_ns = self._stamp_ns is None, stamp_ns
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
@@ -101,7 +102,8 @@ class KalmanTracker:
         left[columns] = False
         unmatched = np.flatnonzero(left)
         if not first:  # in a first frame every object is new
-            self._clutter.record(seen.label[unmatched], len(self._table.labels), area_m2)
+            self._clutter.record(seen.label[unmatched], len(gates), area_m2)
+            self._evidence.record(seen.label, log_odds, left, len(gates))
         self._initiate(unmatched, seen, stamp_ns)
         is_published = management.is_published(tracks, seen.label, stamp_ns)
         published = self._published(np.flatnonzero(is_published), stamp_ns, unit_s)
