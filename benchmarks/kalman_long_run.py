@@ -13,6 +13,7 @@ import numpy as np
 from _common import arguments, report
 
 from mottrack.trackers.kalman.block_bank import BlockBank
+from mottrack.trackers.kalman.observations import Matched, Observation, SeenBoxes
 
 TRACKS = 8
 CHECK_EVERY = 1000
@@ -35,16 +36,18 @@ def main() -> None:
         rows = np.flatnonzero(rng.random(TRACKS) < 0.7)
         noise = (scale[rows] * 10.0 ** rng.uniform(-2, 0, (len(rows), 1))) ** 2
         residual = np.sqrt(noise) * rng.normal(size=(len(rows), 7))
-        bank.update_box(rows, residual, noise[:, :, None] * tilt, np.tile(noise, (1, 5)))
-        velocity = scale[rows] * rng.normal(size=(len(rows), 2))
-        bank.update_velocity(
-            rows, velocity, scale[rows, :, None] ** 2 * tilt, rng.random(len(rows))
-        )
+        box = bank.filters[0][rows, :7] + residual
+        seen = SeenBoxes(box, noise[:, :, None] * tilt, np.tile(noise, (1, 5)))
+        bank.update_box(Matched(rows, np.arange(len(rows))), seen)
+        error = scale[rows] * rng.normal(size=(len(rows), 2))
+        spread = scale[rows, :, None] ** 2 * tilt
+        velocity = Observation(bank.filters[0][rows, 7:9] + error, spread)
+        bank.update_velocity(rows, velocity, rng.random(len(rows)))
         if step % CHECK_EVERY == CHECK_EVERY - 1:
-            covariance = bank.covariance / scale[:, :, None] ** 2
+            covariance = bank.covariance(np.arange(TRACKS)) / scale[:, :, None] ** 2
             asymmetry = max(asymmetry, float(np.abs(covariance - covariance.mT).max()))
             smallest = min(smallest, float(np.linalg.eigvalsh(covariance).min()))
-            if not np.isfinite(bank.mean).all():
+            if not np.isfinite(bank.filters[0]).all():
                 raise SystemExit(f"not finite at step {step}")
     row = {
         "steps": steps,

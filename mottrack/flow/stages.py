@@ -88,13 +88,16 @@ class Stages:
         later = self._recent.of(current)
         now, now_height_m = later.obstacles
         target = AlignmentTarget(now.xyz_m, self.config.alignment)
+        moved = tuple(self._past_sweep(sweep, current, target) for sweep in past)
+        newest = moved[-1]
         return SweepPair(
-            past=tuple(self._past_sweep(sweep, current, target) for sweep in past),
+            past=moved,
             current=now,
             current_features=later,
             current_height_m=now_height_m,
             reach_m=self._recent.reach_m,
             current_seen=self._seen(later, now, Pose.identity()),
+            previous_seen=self._seen(newest.features, newest.obstacles, newest.sweep_T_current),
         )
 
     def features_of(self, sweep: Sweep) -> SweepFeatures:
@@ -118,7 +121,6 @@ class Stages:
             features=features,
             sweep_T_current=sweep_T_current,
             elapsed_s=seconds_between(sweep.stamp_ns, current.stamp_ns),
-            seen=self._seen(features, then, sweep_T_current),
         )
 
     def reset(self) -> None:

@@ -83,7 +83,8 @@ def obstacle_points(sweep: Sweep, stage: GroundStage) -> tuple[Sweep, F32]:
     kept &= np.maximum(np.abs(x_m), np.abs(y_m)) < stage.find.reach_m
     if stage.enabled:
         kept &= (height_m > stage.min_height_m) & (height_m < stage.max_height_m)
-    return sweep.select(kept), height_m[kept]
+    index = np.flatnonzero(kept)
+    return sweep.select(index), height_m.take(index)
 
 
 class SweepFeatures:
@@ -159,8 +160,6 @@ class PastSweep:
     """From the current ego frame to the sweep's own; corrected if aligned."""
     elapsed_s: float
     """Time from its stamp to the current one."""
-    seen: I8 | None
-    """(H, W) UNSEEN, FREE or OCCUPIED in this sweep; None if the stage is off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +182,8 @@ class SweepPair:
     """Half side of the square about the vehicle in which obstacle points are kept."""
     current_seen: I8 | None
     """(H, W) UNSEEN, FREE or OCCUPIED in the current sweep; None if the stage is off."""
+    previous_seen: I8 | None
+    """(H, W) the same in the previous sweep."""
 
     @property
     def previous(self) -> Sweep:
@@ -203,11 +204,6 @@ class SweepPair:
     def previous_height_m(self) -> F32:
         """(N_previous,) height of each obstacle point above the ground."""
         return self.past[-1].height_m
-
-    @property
-    def previous_seen(self) -> I8 | None:
-        """(H, W) UNSEEN, FREE or OCCUPIED in the previous sweep; None if the stage is off."""
-        return self.past[-1].seen
 
     @property
     def elapsed_s(self) -> float:

@@ -6,6 +6,8 @@ compiled, one matrix at a time, for kernels that loop over tracks themselves.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mottrack.compiled import compiled
@@ -76,20 +78,49 @@ def is_covariance_2x2(matrix: F64) -> Mask:
         return in_range & symmetric & (xx * yy - xy**2 > 1e-12 * xx * yy)
 
 
-@compiled
-def determinant_of(s: F64) -> float:
-    """Return the determinant of one symmetric matrix (2, 2)."""
-    return float(s[0, 0] * s[1, 1] - s[0, 1] * s[0, 1])
+class Symmetric(NamedTuple):
+    """One symmetric matrix (2, 2) in a kernel: an array would cost more than what is done to it."""
+
+    xx: float
+    xy: float
+    yy: float
 
 
 @compiled
-def inverse_quadratic_of(s: F64, x: float, y: float) -> float:
-    """Return v' S^-1 v for one symmetric matrix (2, 2) and v = (x, y)."""
-    return float((s[1, 1] * x * x - 2.0 * s[0, 1] * x * y + s[0, 0] * y * y) / determinant_of(s))
+def block_of(matrices: F64, n: int, first: int) -> Symmetric:
+    """Return rows and columns `first` and `first` + 1 of one of the matrices (N, D, D)."""
+    second = first + 1
+    return Symmetric(
+        matrices[n, first, first], matrices[n, first, second], matrices[n, second, second]
+    )
 
 
 @compiled
-def row_times_inverse(row: F64, s: F64) -> tuple[float, float]:
-    """Return (x, y) S^-1, a row of K = P H' S^-1, for a row (2,) and a symmetric S (2, 2)."""
-    x, y, determinant = row[0], row[1], determinant_of(s)
-    return (x * s[1, 1] - y * s[0, 1]) / determinant, (y * s[0, 0] - x * s[0, 1]) / determinant
+def sum_of(a: Symmetric, b: Symmetric) -> Symmetric:
+    """Return a + b."""
+    return Symmetric(a.xx + b.xx, a.xy + b.xy, a.yy + b.yy)
+
+
+@compiled
+def scaled(s: Symmetric, factor: float) -> Symmetric:
+    """Return s times a number."""
+    return Symmetric(factor * s.xx, factor * s.xy, factor * s.yy)
+
+
+@compiled
+def determinant_of(s: Symmetric) -> float:
+    """Return the determinant."""
+    return float(s.xx * s.yy - s.xy * s.xy)
+
+
+@compiled
+def inverse_quadratic_of(s: Symmetric, x: float, y: float) -> float:
+    """Return v' S^-1 v for v = (x, y)."""
+    return float((s.yy * x * x - 2.0 * s.xy * x * y + s.xx * y * y) / determinant_of(s))
+
+
+@compiled
+def row_times_inverse(x: float, y: float, s: Symmetric) -> tuple[float, float]:
+    """Return (x, y) S^-1, a row of K = P H' S^-1."""
+    determinant = determinant_of(s)
+    return (x * s.yy - y * s.xy) / determinant, (y * s.xx - x * s.xy) / determinant

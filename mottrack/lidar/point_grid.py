@@ -56,7 +56,9 @@ def build_point_grid(xyz_m: F32, cell_m: float, reach_m: float = 60.0) -> PointG
         raise InputError("cell_m, reach_m", (cell_m, reach_m), "positive metres")
     cells = int(np.ceil(2 * reach_m / cell_m))
     order, start = _counting_sort(points, -reach_m, cell_m, cells)
-    return PointGrid(points[order], order, start, -reach_m, -reach_m, cell_m, cells, cells)
+    return PointGrid(
+        points.take(order, axis=0), order, start, -reach_m, -reach_m, cell_m, cells, cells
+    )
 
 
 @compiled
@@ -167,15 +169,20 @@ def _first(xyz_m: F32, voxel_m: float) -> I64:
     while size < 2 * len(xyz_m) + 1:
         size *= 2
     table = np.full(size, -1, np.int64)
-    first = np.empty(len(xyz_m), np.int64)
-    count = 0
+    first, keys = np.empty(len(xyz_m), np.int64), np.empty(len(xyz_m), np.int64)
+    count, last = 0, np.int64(-1)
     per_voxel = 1.0 / voxel_m
-    for i in range(len(xyz_m)):
+    for i in range(len(xyz_m)):  # a loop of its own: the compiler takes several points at once
         # 21 bits for each coordinate of the voxel, shifted to be positive
         x = np.int64(np.floor(xyz_m[i, 0] * per_voxel)) + (1 << 20)
         y = np.int64(np.floor(xyz_m[i, 1] * per_voxel)) + (1 << 20)
         z = np.int64(np.floor(xyz_m[i, 2] * per_voxel)) + (1 << 20)
-        key = (x << 42) | (y << 21) | z
+        keys[i] = (x << 42) | (y << 21) | z
+    for i in range(len(xyz_m)):
+        key = keys[i]
+        if key == last:  # neighbouring returns often share a voxel
+            continue
+        last = key
         # Fibonacci hashing: a multiplier near 2^64 / golden ratio spreads neighbouring keys
         slot = ((key * 0x9E3779B97F4A7C1) >> 20) & (size - 1)
         while table[slot] != -1 and table[slot] != key:

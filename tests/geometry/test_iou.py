@@ -74,15 +74,6 @@ def test_empty_sets_flat_boxes_and_malformed_input() -> None:
         iou.iou_3d(one * [1, 1, 1, 1, -1, 1, 1], one)
 
 
-def test_pairs_agree_with_all_pairs() -> None:
-    rng = np.random.default_rng(4)
-    a, b = random_boxes(rng, 30), random_boxes(rng, 30)
-    i, j = (index.ravel() for index in np.indices((30, 30)))
-    pairs = iou.bev_iou_of_pairs(a, b, (i, j))
-    np.testing.assert_array_equal(pairs.reshape(30, 30), iou.bev_iou(a, b))
-    assert len(iou.bev_iou_of_pairs(a, b, (i[:0], j[:0]))) == 0
-
-
 def test_clipping_of_hulls_agrees_with_shapely() -> None:
     rng = np.random.default_rng(3)
     for _ in range(100):

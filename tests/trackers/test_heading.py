@@ -7,7 +7,8 @@ from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.kalman.config import HeadingConfig
-from mottrack.trackers.kalman.heading import DetectedHeadings, Headings
+from mottrack.trackers.kalman.heading import DetectedHeadings, Headings, TrackHeadings
+from mottrack.trackers.kalman.observations import Matched, SeenBoxes
 
 
 def car(step: int, dt_s: float, speed_mps: float, yaw_rad: float) -> Objects:
@@ -37,10 +38,13 @@ def test_detections_multiply_the_odds() -> None:
     config = HeadingConfig(p_turned=f, prior_detections=1e9, switch_per_s=0.0)
     headings = Headings(config)
     headings.append(np.array([0]))
-    offsets, rows = [0.1, np.pi, np.pi - 0.2, 0.0, np.pi], np.array([0])
+    offsets, first = [0.1, np.pi, np.pi - 0.2, 0.0, np.pi], np.array([0])
+    tracks = TrackHeadings(np.zeros((1, 11)), np.full((1, 5), 0.02))
     for offset in offsets:
-        seen = DetectedHeadings(np.array([offset]), np.array([0.05]), np.array([0]))
-        headings.observe_detections(rows, seen, 0.1)
+        box = np.array([[0.0, 0.0, 0.0, offset, 4.0, 2.0, 1.5]])
+        seen = SeenBoxes(box, np.zeros((1, 2, 2)), np.full((1, 5), 0.03))
+        detected = DetectedHeadings(seen, first)
+        headings.observe_detections(Matched(first, first), detected, tracks, 0.1)
     contradict = sum(offset > 1 for offset in offsets) - sum(offset < 1 for offset in offsets)
     odds = f / (1 - f) * ((1 - f) / f) ** contradict
     assert headings.p_turned[0] == pytest.approx(odds / (1 + odds), rel=1e-6)

@@ -6,6 +6,7 @@ import pytest
 from mottrack.trackers import KalmanTracker
 from mottrack.trackers.fixed_lag import FixedLagTracker
 from mottrack.trackers.kalman.block_bank import BlockBank
+from mottrack.trackers.kalman.observations import Matched, Observation, SeenBoxes
 from tests.trackers.long_run import Health, hostile_drive
 
 TRACKS, STEPS = 1000, 1000
@@ -26,13 +27,16 @@ def test_a_million_steps(name: str) -> None:
         noise = (scale[rows] * 10.0 ** rng.uniform(-2, 0, (len(rows), 1))) ** 2
         residual = np.sqrt(noise) * rng.normal(size=(len(rows), 7))
         position = noise[:, :, None] * (np.eye(2) + tilt)
-        bank.update_box(rows, residual, position, np.tile(noise, (1, 5)))
+        box = bank.filters[0][rows, :7] + residual
+        matched = Matched(rows, np.arange(len(rows)))
+        bank.update_box(matched, SeenBoxes(box, position, np.tile(noise, (1, 5))))
         some = rows[rng.random(len(rows)) < 0.5]
         spread = scale[some, :, None] ** 2 * (np.eye(2) + tilt)
-        velocity = scale[some] * rng.normal(size=(len(some), 2))
-        bank.update_velocity(some, velocity, spread, rng.random(len(some)))
-    covariance = bank.covariance / scale[:, :, None] ** 2
-    assert np.isfinite(bank.mean).all()
+        error = scale[some] * rng.normal(size=(len(some), 2))
+        velocity = Observation(bank.filters[0][some, 7:9] + error, spread)
+        bank.update_velocity(some, velocity, rng.random(len(some)))
+    covariance = bank.covariance(np.arange(TRACKS)) / scale[:, :, None] ** 2
+    assert np.isfinite(bank.filters[0]).all()
     np.testing.assert_allclose(covariance, covariance.swapaxes(1, 2), atol=1e-9)
     assert np.linalg.eigvalsh(covariance).min() > 0
 

@@ -140,3 +140,22 @@ def footprints(shape: tuple[int, int], rows: I64, cols: I64, label_of: I64) -> I
                     if dilated[i, j] < 0:
                         dilated[i, j] = labels[r, c]
     return dilated
+
+
+@compiled
+def medians_of_spans(values: Floats, spans: I64) -> F64:
+    """Return (K, D) the medians of rows spans[k] to spans[k + 1] of values (N, D), by column.
+
+    The mean of the two middle values is taken in the precision of the values, as numpy does.
+    """
+    medians = np.empty((len(spans) - 1, values.shape[1]))
+    half = values.dtype.type(0.5)
+    for k in range(len(medians)):
+        for d in range(values.shape[1]):
+            part = np.sort(values[spans[k] : spans[k + 1], d])
+            middle = len(part) // 2
+            median = part[middle]
+            if len(part) % 2 == 0:
+                median = (part[middle - 1] + median) * half
+            medians[k, d] = median
+    return medians

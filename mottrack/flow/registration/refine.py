@@ -18,7 +18,12 @@ from pydantic import Field
 from mottrack.config import StrictModel
 from mottrack.core.arrays import F32, F64, I64, Floats
 from mottrack.core.motion import FlowField
-from mottrack.flow.registration.components import Similar, moving_cells, owners_of_fragments
+from mottrack.flow.registration.components import (
+    Similar,
+    medians_of_spans,
+    moving_cells,
+    owners_of_fragments,
+)
 from mottrack.flow.registration.matcher import CompareConfig, CurrentPoints, Labels
 from mottrack.flow.registration.motions import (
     MIN_POINTS,
@@ -109,11 +114,11 @@ def chosen_past(pair: SweepPair, count: int) -> list[PastSweep]:
 def _medians(values: Floats, cells: I64, count: int) -> F64:
     """Return (K, ...) the median value of each component, of values (H, W, ...)."""
     chosen = cells >= 0
-    order = np.argsort(cells[chosen], kind="stable")
-    parts = np.split(
-        values[chosen][order], np.searchsorted(cells[chosen][order], np.arange(1, count))
-    )
-    return np.array([np.median(part, axis=0) for part in parts], dtype=np.float64)
+    owner = cells[chosen]
+    order = np.argsort(owner, kind="stable")
+    spans = np.searchsorted(owner[order], np.arange(count + 1))
+    found = medians_of_spans(values[chosen][order].reshape(len(order), -1), spans)
+    return found.reshape(count, *values.shape[2:])
 
 
 def _spreads(velocity_mps: F32, cells: I64, medians_mps: F64) -> F64:

@@ -14,16 +14,12 @@ ROUNDING = 1e-9
 
 
 class _Sorted(NamedTuple):
-    """Left positions sorted by group and then along x, and where to search each right row."""
+    """Rows in the order of their groups, within a group along x."""
 
-    xy_m: F64
-    """(N, 2)"""
     row: I64
-    """(N,) the row that each had before sorting."""
+    """(N,) of the positions."""
     start: I64
-    """(M,) first entry of the group of each right row."""
-    stop: I64
-    """(M,) end of that group."""
+    """(G + 1,) first entry of each group, and the end."""
 
 
 def candidate_pairs(
@@ -41,7 +37,8 @@ def candidate_pairs(
         left_xy_m: positions (N, 2) in metres.
         right_xy_m: positions (M, 2) in metres, same frame.
         reach_m: largest offset (M,), or (M, 2) along x and y.
-        groups: group of each row of both sides, (N,) and (M,); only members of one group pair.
+        groups: group of each row of both sides, (N,) and (M,), numbered from 0 on; only members of
+            one group pair.
     """
     n, m = len(left_xy_m), len(right_xy_m)
     if n == 0 or m == 0:
@@ -49,32 +46,31 @@ def candidate_pairs(
     reach = np.empty((m, 2))
     reach[:] = np.reshape(reach_m, (m, -1))
     group, wanted = groups or (np.zeros(n, np.int64), np.zeros(m, np.int64))
-    order = np.lexsort((left_xy_m[:, 0], group))
-    start, stop = (np.searchsorted(group[order], wanted, side) for side in ("left", "right"))
-    return _near(
-        _Sorted(left_xy_m[order], order, start, stop), np.ascontiguousarray(right_xy_m), reach
-    )
+    # compiled for contiguous arrays alone
+    places = np.ascontiguousarray(left_xy_m), np.ascontiguousarray(right_xy_m)
+    return _near(*places, reach, group, wanted)
 
 
 @compiled
-def _near(left: _Sorted, right: F64, reach: F64) -> tuple[I64, I64]:
+def _near(left: F64, right: F64, reach: F64, group: I64, wanted: I64) -> tuple[I64, I64]:
     """Search the strip of each right row twice: to count the pairs per left row, to list them."""
-    xy, order = left.xy_m, left.row
-    position = np.zeros(len(xy) + 1, np.int64)
+    ordered = _sorted(left, group, max(group.max(), wanted.max()) + 1)
+    x = left[:, 0][ordered.row]
+    position = np.zeros(len(left) + 1, np.int64)
     rows, columns = np.empty(0, np.int64), np.empty(0, np.int64)
     for listing in (False, True):
         if listing:
             position = np.cumsum(position)
             rows, columns = np.empty(position[-1], np.int64), np.empty(position[-1], np.int64)
         for j in range(len(right)):
-            stop = left.stop[j]
-            for k in range(_strip_start(xy, left.start[j], stop, right[j, 0] - reach[j, 0]), stop):
-                if xy[k, 0] - right[j, 0] > reach[j, 0]:
+            x_j, y_j, reach_x, reach_y = right[j, 0], right[j, 1], reach[j, 0], reach[j, 1]
+            stop = ordered.start[wanted[j] + 1]
+            for k in range(_strip_start(x, ordered.start[wanted[j]], stop, x_j - reach_x), stop):
+                if x[k] - x_j > reach_x:
                     break
-                near_x = abs(xy[k, 0] - right[j, 0]) <= reach[j, 0]
-                if not (near_x and abs(xy[k, 1] - right[j, 1]) <= reach[j, 1]):
+                i = ordered.row[k]
+                if not (abs(x[k] - x_j) <= reach_x and abs(left[i, 1] - y_j) <= reach_y):
                     continue
-                i = order[k]
                 if listing:
                     rows[position[i]], columns[position[i]] = i, j
                     position[i] += 1
@@ -84,12 +80,26 @@ def _near(left: _Sorted, right: F64, reach: F64) -> tuple[I64, I64]:
 
 
 @compiled
-def _strip_start(xy: F64, start: int, stop: int, x: float) -> int:
+def _sorted(xy: F64, group: I64, groups: int) -> _Sorted:
+    by_x = np.argsort(xy[:, 0], kind="mergesort")
+    start = np.zeros(groups + 1, np.int64)
+    for n in range(len(group)):
+        start[group[n] + 1] += 1
+    start = np.cumsum(start)
+    place, row = start.copy(), np.empty(len(group), np.int64)
+    for n in by_x:
+        row[place[group[n]]] = n
+        place[group[n]] += 1
+    return _Sorted(row, start)
+
+
+@compiled
+def _strip_start(sorted_x: F64, start: int, stop: int, x: float) -> int:
     """Return the first row in start..stop, sorted along x, that is not clearly below x."""
     x -= ROUNDING * (1.0 + abs(x))
     while start < stop:
         middle = (start + stop) // 2
-        if xy[middle, 0] < x:
+        if sorted_x[middle] < x:
             start = middle + 1
         else:
             stop = middle

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mottrack.core.arrays import F64, I64
-from mottrack.core.pose import wrap_angle
 from mottrack.trackers.association import (
     ASSIGNMENTS,
     candidate_pairs,
@@ -20,6 +19,7 @@ from mottrack.trackers.association import (
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_terms import Compared, Expected, Observed, pair_terms
+from mottrack.trackers.velocity_source.failures import Failures
 
 Pairs = tuple[I64, I64]
 
@@ -42,14 +42,19 @@ class Predicted:
     """(N, 5) variances of z, yaw, l, w, h."""
     label: I64
     """(N,) index of the class."""
-    p_correct: F64
-    """(N,) probability that a measured velocity is correct if the track moves (`standing`)."""
-    p_missed: F64
-    """(N,) probability that it misses the motion."""
+    place: F64
+    """(N, 2) where the track would stand (`standing`)."""
+    spread: F64
+    """(N, 2, 2) covariance of that place."""
+    p_standing: F64
+    """(N,) probability that it stands."""
+    failures: Failures
+    """How measured velocities err."""
 
     def select(self, index: NDArray[Any]) -> Predicted:
         """Return the rows that a mask or an index picks."""
-        return Predicted(*(getattr(self, name)[index] for name in self.__slots__))
+        rows = {name: getattr(self, name)[index] for name in self.__slots__ if name != "failures"}
+        return replace(self, **rows)
 
 
 def associate(
@@ -96,8 +101,8 @@ def _largest_offset_m(
 ) -> F64:
     """Return offsets (M, 2) along x and y beyond which no detection passes a track's gate."""
     if config.metric == "mahalanobis":
-        noise = np.diagonal(seen.xy_covariance, axis1=1, axis2=2).max(axis=0, initial=0.0)
-        variance = np.diagonal(tracks.xy_velocity_covariance, axis1=1, axis2=2)[:, :2] + noise
+        noise = seen.xy_covariance.reshape(-1, 4)[:, ::3].max(axis=0, initial=0.0)
+        variance = tracks.xy_velocity_covariance.reshape(-1, 16)[:, :6:5] + noise
         offset: F64 = gate[:, None] * np.sqrt(variance) * (1.0 + ROUNDING)
         return offset
     if config.metric == "centre":
@@ -120,11 +125,11 @@ def _mahalanobis_cost(
     a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or, where the clutter
     density is known, -2 ln p(x, y | track): a track with a wide covariance does not take what a
     certain one explains better, and a pair less likely than clutter is refused. Of several
-    detections near a track, the evidence of their scores counts with `score_weight`: a duplicate or
+    detections near a track, the evidence of their scores counts (`score_evidence`): a duplicate or
     a false alarm beside an object does not take its track. The gate goes by position alone.
     """
     first, end = COMPARED[config.components]
-    compared = Compared(first, end, _velocity_limit(config))
+    compared = Compared(first, end, _velocity_limit(config), tracks.failures)
     squared, nll = pair_terms(pairs, *_kernel_arguments(seen, tracks), compared)
     distance = np.sqrt(squared)
     if config.float32:
@@ -132,7 +137,7 @@ def _mahalanobis_cost(
     if config.clutter_density_per_m2 is None:
         return distance, distance
     allowed = np.where(nll > seen.nll_gate[pairs[0]], np.inf, distance)
-    return allowed, nll - 2.0 * config.score_weight * seen.evidence[pairs[0]]
+    return allowed, nll - 2.0 * seen.evidence[pairs[0]]
 
 
 def _velocity_limit(config: AssociationConfig) -> float:
@@ -160,7 +165,7 @@ def innovations(seen: Detections, tracks: Predicted, pairs: Pairs) -> Innovation
     """Return the normalised squared innovations of pairs of detection and track."""
     arguments = _kernel_arguments(seen, tracks)
     box, xy = (
-        pair_terms(pairs, *arguments, Compared(*COMPARED[which], -1.0))[0]
+        pair_terms(pairs, *arguments, Compared(*COMPARED[which], -1.0, tracks.failures))[0]
         for which in ("box", "xy")
     )
     return Innovations(box, xy, seen.source[pairs[0]])
@@ -168,9 +173,7 @@ def innovations(seen: Detections, tracks: Predicted, pairs: Pairs) -> Innovation
 
 def _kernel_arguments(seen: Detections, tracks: Predicted) -> tuple[Observed, Expected]:
     observed = Observed(*(getattr(seen, name) for name in Observed._fields))
-    # compiled for contiguous arrays alone
-    expected = (np.ascontiguousarray(getattr(tracks, name)) for name in Expected._fields)
-    return observed, Expected(*expected)
+    return observed, Expected(*(getattr(tracks, name) for name in Expected._fields))
 
 
 def _centre_cost(
@@ -200,13 +203,3 @@ COSTS: dict[str, PairCost] = {
     "giou_3d": _overlap_cost,
 }
 """Distance (for the gate) and cost (for the assignment) of pairs, by metric."""
-
-
-def heading_residual(difference_rad: F64) -> F64:
-    """Return the difference of headings modulo pi, in [-pi/2, pi/2]: front and rear look alike."""
-    wrapped = wrap_angle(difference_rad)
-    return np.where(
-        wrapped > np.pi / 2,
-        wrapped - np.pi,
-        np.where(wrapped < -np.pi / 2, wrapped + np.pi, wrapped),
-    )

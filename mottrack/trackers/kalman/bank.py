@@ -7,29 +7,26 @@ from typing import Protocol
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.kalman.block_bank import BlockBank
 from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.observations import Matched, Observation, SeenBoxes
 
 
 class Bank(Protocol):
     """N constant-velocity filters over the state of `mottrack.trackers.kalman.state`."""
 
     @property
-    def mean(self) -> F64:
-        """(N, 11) states."""
+    def filters(self) -> tuple[F64, F64]:
+        """(N, 11) states, and covariances (N, 4, 4) of (x, y, d_x, d_y)."""
         ...
 
     @property
-    def covariance(self) -> F64:
-        """(N, 11, 11) covariances."""
+    def z_yaw_size_variance(self) -> F64:
+        """(N, 5) variances of z, yaw, l, w, h."""
         ...
 
     def __len__(self) -> int: ...
 
-    def xy_velocity_covariance(self) -> F64:
-        """Return the covariances (N, 4, 4) of (x, y, d_x, d_y)."""
-        ...
-
-    def z_yaw_size_variance(self) -> F64:
-        """Return the variances (N, 5) of z, yaw, l, w, h."""
+    def covariance(self, rows: I64) -> F64:
+        """Return the covariances (n, 11, 11) of `rows` (n,), laid out in full."""
         ...
 
     def append(self, mean: F64, variance: F64, velocity_covariance: F64) -> None:
@@ -48,22 +45,16 @@ class Bank(Protocol):
         """Add pi to the headings of `rows`."""
         ...
 
-    def update_box(
-        self, rows: I64, residual: F64, xy_covariance: F64, z_yaw_size_variance: F64
-    ) -> None:
-        """Correct `rows` (n,) by box residuals (n, 7).
-
-        `xy_covariance` (n, 2, 2) belongs to the observed x, y and `z_yaw_size_variance` (n, 5) to
-        z, yaw, l, w, h.
-        """
+    def update_box(self, matched: Matched, seen: SeenBoxes) -> None:
+        """Correct the matched tracks by their boxes, whose headings are known modulo pi."""
         ...
 
     def update_yaw(self, rows: I64, residual: F64, variance: F64) -> None:
         """Correct the headings of `rows` (n,) by residuals (n,) with variances (n,)."""
         ...
 
-    def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
-        """Correct `rows` (n,) by velocity residuals (n, 2) with covariances (n, 2, 2).
+    def update_velocity(self, rows: I64, velocity: Observation, weight: F64) -> None:
+        """Correct `rows` (n,) by n velocities.
 
         `weight` (n,) is the probability that the velocity is correct: the result is the Gaussian of
         the same mean and covariance as the mixture of the corrected and the uncorrected state.

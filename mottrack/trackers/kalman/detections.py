@@ -12,7 +12,7 @@ from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.objects import Objects
 from mottrack.core.pose import wrap_angle
 from mottrack.core.velocity_errors import NO_OUTLIERS, PROBABILITIES, VelocityErrorModel
-from mottrack.geometry.iou import bev_iou_of_pairs
+from mottrack.geometry.iou import uncovered
 from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.kalman.config import KalmanConfig, NmsConfig
 from mottrack.trackers.kalman.noise import (
@@ -20,11 +20,10 @@ from mottrack.trackers.kalman.noise import (
     initial_velocity_covariance,
     position_covariance,
 )
-from mottrack.trackers.kalman.standing import Observation, velocity_likelihoods
-from mottrack.trackers.kalman.velocity_law import Law
-
-LEAST_DOUBT = 1e-3
-"""Probabilities nearer to 0 and 1 count as this near: no detector errs so seldom."""
+from mottrack.trackers.kalman.observations import Observation, SeenBoxes
+from mottrack.trackers.kalman.standing import velocity_likelihoods
+from mottrack.trackers.kalman.state import YAW
+from mottrack.trackers.velocity_source.law import Law
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,15 +41,17 @@ class Detections:
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
     likelihood_at_rest: F64
-    """(N,) density of the velocity of an object at rest, N(v; 0, R_d)."""
+    """(N,) density of the velocity of a missed motion, N(v; 0, R_d)."""
     outlier_likelihood: F64
-    """(N,) density of the velocity as an outlier, with its probability (`standing`)."""
+    """(N,) density of the velocity as a mover's outlier, with its probability (`standing`)."""
+    standing_likelihood: F64
+    """(N,) density of the velocity of an object that stands, outliers included."""
     clutter_likelihood: F64
     """(N,) density of the velocity of an object without a track, failures included."""
     nll_gate: F64
     """(N,) -2 ln lambda: a pair with a higher -2 ln likelihood is likelier clutter (`clutter`)."""
     evidence: F64
-    """(N,) what the score says for a true detection, as log-odds (`ScoreEvidence`)."""
+    """(N,) what the score says for a track's object, as log-odds (`score_evidence`)."""
     has_velocity: Mask
     """(N,) whether the velocity was measured."""
     label: I64
@@ -62,6 +63,11 @@ class Detections:
 
     def __len__(self) -> int:
         return len(self.box)
+
+    @property
+    def boxes(self) -> SeenBoxes:
+        """What was measured of the boxes."""
+        return SeenBoxes(self.box, self.xy_covariance, self.z_yaw_size_variance)
 
     def select(self, index: NDArray[Any]) -> Detections:
         """Return the rows that a mask or an index picks."""
@@ -86,28 +92,34 @@ def observations_of(
     label = table.index(objects.label[rows])
     order = _order(objects, rows, label, stable=config.yaw == "published")
     rows, label = rows[order], label[order]
-    kept = _suppress(objects, rows, label, config.nms)
-    rows, label = rows[kept], label[kept]
-    yaw, noise = wrap_angle(objects.yaw_rad[rows]), table.rows(label)
+    boxes = _boxes(objects, rows)
+    if config.nms.enabled:
+        kept = _suppressed(boxes, objects.score[rows], label, config.nms)
+        rows, label, boxes = rows[kept], label[kept], boxes[kept]
+    box = np.ascontiguousarray(boxes[:, [0, 1, 2, 6, 3, 4, 5]])
+    yaw = box[:, YAW] = wrap_angle(box[:, YAW])
+    noise = table.rows(label)
     measured = _velocities(objects, rows, config, law.model.relative)
     per_unit = law.unit_s / law.gain
     velocity, covariance = measured.mean * per_unit, measured.covariance * law.scale * per_unit**2
-    likelihood = np.zeros((3, len(rows)))
+    likelihood = np.zeros((4, len(rows)))
     if measured.valid.any():
         unexpected, seen = (
             initial_velocity_covariance(noise, yaw),
             Observation(velocity, covariance),
         )
-        likelihood = velocity_likelihoods(seen, unexpected, law.failures)
+        at_rest = config.association.new_at_rest if config.standing.use else 0.0
+        likelihood = velocity_likelihoods(seen, unexpected, at_rest, law.failures)
     return Detections(
-        box=np.column_stack([objects.centre_m[rows], yaw, objects.size_m[rows]]),
+        box=box,
         xy_covariance=position_covariance(noise, yaw),
         z_yaw_size_variance=np.ascontiguousarray(noise.observation[:, 2:]),
         velocity=velocity,
         velocity_covariance=covariance,
         likelihood_at_rest=likelihood[0],
         outlier_likelihood=likelihood[1],
-        clutter_likelihood=likelihood[2],
+        standing_likelihood=likelihood[2],
+        clutter_likelihood=likelihood[3],
         nll_gate=np.full(len(rows), np.inf),
         evidence=np.zeros(len(rows)),
         has_velocity=measured.valid,
@@ -122,23 +134,29 @@ def _order(objects: Objects, rows: I64, label: I64, *, stable: bool) -> I64:
         return np.argsort(label, kind="stable")
     score = -objects.score[rows]
     order = np.lexsort((score, label))
-    tied = (np.diff(score[order]) == 0) & (np.diff(label[order]) == 0)
+    ranked, ranked_label = score[order], label[order]
+    tied = (ranked[1:] == ranked[:-1]) & (ranked_label[1:] == ranked_label[:-1])
     if not tied.any():
         return order
     x, y, z = objects.centre_m[rows].T
     return np.lexsort((z, y, x, score, label))
 
 
-def _suppress(objects: Objects, rows: I64, label: I64, config: NmsConfig) -> I64:
-    """Return the positions in `rows` that survive the score limit and non-maximum suppression."""
-    kept = np.arange(len(rows))
-    if not config.enabled:
-        return kept
+def _boxes(objects: Objects, rows: I64) -> F64:
+    """Return the rows (n, 7) of x, y, z, l, w, h, yaw of those objects."""
+    boxes = np.empty((len(rows), 7))
+    boxes[:, :3], boxes[:, 3:6] = objects.centre_m[rows], objects.size_m[rows]
+    boxes[:, 6] = objects.yaw_rad[rows]
+    return boxes
+
+
+def _suppressed(boxes: F64, score: F64, label: I64, config: NmsConfig) -> I64:
+    """Return the rows that survive the score limit and non-maximum suppression."""
+    kept = np.arange(len(boxes))
     if config.min_score is not None:
-        kept = kept[objects.score[rows] >= config.min_score]
-    box = np.hstack([objects.centre_m, objects.size_m, objects.yaw_rad[:, None]])[rows[kept]]
+        kept = kept[score >= config.min_score]
     group = label[kept] if config.class_aware else np.zeros(len(kept), np.int64)
-    return kept[non_maximum_suppression(box, objects.score[rows[kept]], group, config.iou)]
+    return kept[non_maximum_suppression(boxes[kept], score[kept], group, config.iou)]
 
 
 def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I64:
@@ -159,33 +177,7 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
     reach = 0.5 * (diagonal + diagonal.max(initial=0.0))
     better, worse = candidate_pairs(ranked[:, :2], ranked[:, :2], reach, (group[order],) * 2)
     later = better < worse
-    better, worse = better[later], worse[later]
-    covered = bev_iou_of_pairs(ranked, ranked, (better, worse)) > iou
-    kept = np.ones(len(order), bool)
-    for winner, loser in zip(better[covered].tolist(), worse[covered].tolist(), strict=True):
-        kept[loser] &= not kept[winner]
-    return np.sort(order[kept])
-
-
-class ScoreEvidence:
-    """Log-odds of scores: of a probability its own, of another score the score itself.
-
-    Scores of a logistic output are log-odds up to an offset and a factor. That scores are no
-    probabilities is known from the first one outside of [0, 1] on.
-    """
-
-    def __init__(self) -> None:
-        self._are_probabilities = True
-
-    def of(self, score: F64) -> F64:
-        """Return the evidence (N,) of the scores of a step."""
-        inside = (score >= 0.0) & (score <= 1.0)
-        self._are_probabilities &= bool(inside.all())
-        if not self._are_probabilities:
-            return score
-        likely = np.clip(score, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
-        found: F64 = np.log(likely / (1.0 - likely))
-        return found
+    return np.sort(order[uncovered(ranked, (better[later], worse[later]), iou)])
 
 
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:

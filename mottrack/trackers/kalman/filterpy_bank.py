@@ -7,8 +7,10 @@ from filterpy.kalman import KalmanFilter
 
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.pose import wrap_angle
+from mottrack.geometry.angles import modulo_pi
 from mottrack.trackers.kalman.moments import Moments, mixture
 from mottrack.trackers.kalman.noise import process_covariance
+from mottrack.trackers.kalman.observations import Matched, Observation, SeenBoxes
 from mottrack.trackers.kalman.state import (
     BOX_SIZE,
     POSE,
@@ -37,22 +39,21 @@ class FilterpyBank:
         return len(self._filters)
 
     @property
-    def mean(self) -> F64:
-        """(N, 11) states."""
-        return np.array([f.x[:, 0] for f in self._filters]).reshape(-1, STATE_SIZE)
+    def filters(self) -> tuple[F64, F64]:
+        """(N, 11) states, and covariances (N, 4, 4) of (x, y, d_x, d_y)."""
+        mean = np.array([f.x[:, 0] for f in self._filters]).reshape(-1, STATE_SIZE)
+        planar = self._covariances()[:, np.array(XY_VELOCITY)[:, None], XY_VELOCITY]
+        return mean, np.ascontiguousarray(planar)
 
     @property
-    def covariance(self) -> F64:
-        """(N, 11, 11) covariances."""
-        return np.array([f.P for f in self._filters]).reshape(-1, STATE_SIZE, STATE_SIZE)
-
-    def xy_velocity_covariance(self) -> F64:
-        """Return the covariances (N, 4, 4) of (x, y, d_x, d_y)."""
-        return self.covariance[:, np.array(XY_VELOCITY)[:, None], XY_VELOCITY]
-
     def z_yaw_size_variance(self) -> F64:
-        """Return the variances (N, 5) of z, yaw, l, w, h."""
-        return np.diagonal(self.covariance, axis1=1, axis2=2)[:, 2:7]
+        """(N, 5) variances of z, yaw, l, w, h."""
+        variance = np.diagonal(self._covariances(), axis1=1, axis2=2)
+        return np.ascontiguousarray(variance[:, 2:7])
+
+    def covariance(self, rows: I64) -> F64:
+        """Return the covariances (n, 11, 11) of `rows` (n,)."""
+        return self._covariances()[rows]
 
     def append(self, mean: F64, variance: F64, velocity_covariance: F64) -> None:
         """Add n tracks; see `Bank.append`."""
@@ -82,31 +83,34 @@ class FilterpyBank:
         for row in rows.tolist():
             self._filters[row].x[YAW] = wrap_angle(self._filters[row].x[YAW] + np.pi)
 
-    def update_box(
-        self, rows: I64, residual: F64, xy_covariance: F64, z_yaw_size_variance: F64
-    ) -> None:
-        """Correct `rows` (n,) by box residuals (n, 7); see `Bank.update_box`."""
-        noise = np.zeros((len(rows), BOX_SIZE, BOX_SIZE))
-        noise[:, :2, :2] = xy_covariance
-        noise[:, range(2, BOX_SIZE), range(2, BOX_SIZE)] = z_yaw_size_variance
-        for row, y, r in zip(rows.tolist(), residual, noise, strict=True):
-            self._correct(row, OBSERVE_BOX, y, r)
+    def update_box(self, matched: Matched, seen: SeenBoxes) -> None:
+        """Correct the matched tracks by their boxes; see `Bank.update_box`."""
+        noise = np.zeros((len(seen.box), BOX_SIZE, BOX_SIZE))
+        noise[:, :2, :2] = seen.xy_covariance
+        noise[:, range(2, BOX_SIZE), range(2, BOX_SIZE)] = seen.z_yaw_size_variance
+        for row, column in zip(*(side.tolist() for side in matched), strict=True):
+            residual = seen.box[column] - self._filters[row].x[:BOX_SIZE, 0]
+            residual[YAW] = modulo_pi(residual[YAW])
+            self._correct(row, OBSERVE_BOX, residual, noise[column])
 
     def update_yaw(self, rows: I64, residual: F64, variance: F64) -> None:
         """Correct the headings of `rows` (n,); see `Bank.update_yaw`."""
         for row, y, r in zip(rows.tolist(), residual, variance, strict=True):
             self._correct(row, OBSERVE_YAW, np.array([y]), np.array([[r]]))
 
-    def update_velocity(self, rows: I64, residual: F64, covariance: F64, weight: F64) -> None:
+    def update_velocity(self, rows: I64, velocity: Observation, weight: F64) -> None:
         """Correct `rows` (n,) by velocities that are correct with `weight`; see `Bank`."""
-        for row, y, r, w in zip(rows.tolist(), residual, covariance, weight, strict=True):
+        for row, v, r, w in zip(rows.tolist(), *velocity, weight, strict=True):
             one = self._filters[row]
             before = Moments(one.x.T.copy(), one.P[None].copy())
-            self._correct(row, OBSERVE_VELOCITY, y, r)
+            self._correct(row, OBSERVE_VELOCITY, v - one.x[VELOCITY, 0], r)
             if w < 1.0:
                 after = Moments(one.x.T, one.P[None])
                 mixed = mixture(before, after, np.array([w]))
                 one.x, one.P = mixed.mean.T, mixed.covariance[0]
+
+    def _covariances(self) -> F64:
+        return np.array([f.P for f in self._filters]).reshape(-1, STATE_SIZE, STATE_SIZE)
 
     def _correct(self, row: int, observe: F64, residual: F64, noise: F64) -> None:
         one = self._filters[row]

@@ -26,7 +26,10 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
+from mottrack.geometry.angles import modulo_pi
+from mottrack.geometry.two_by_two import block_of
 from mottrack.trackers.kalman.config import HeadingConfig
+from mottrack.trackers.kalman.observations import Matched, SeenBoxes
 from mottrack.trackers.kalman.state import YAW
 
 SMALLEST = 1e-12
@@ -38,14 +41,33 @@ LARGEST_ODDS = 30.0
 
 
 class DetectedHeadings(NamedTuple):
-    """Of n matched tracks."""
+    """Of M detections."""
 
-    residual: F64
-    """(n,) detected less predicted heading, in radians, not modulo pi."""
-    variance: F64
-    """(n,) of that residual."""
+    boxes: SeenBoxes
     label: I64
-    """(n,) index of the class."""
+    """(M,) index of the class."""
+
+
+class TrackHeadings(NamedTuple):
+    """Of N tracks, as they are predicted."""
+
+    mean: F64
+    """(N, 11)"""
+    z_yaw_size_variance: F64
+    """(N, 5)"""
+
+
+class Motion(NamedTuple):
+    """Of N tracks, corrected by the boxes of a step."""
+
+    mean: F64
+    """(N, 11)"""
+    planar: F64
+    """(N, 4, 4) covariance of (x, y, d_x, d_y)."""
+    p_standing: F64
+    """(N,) probability that the track stands."""
+    slip_rad: F64
+    """(N,) standard deviation of the heading about the course."""
 
 
 class Course(NamedTuple):
@@ -61,18 +83,13 @@ class TurnModel(NamedTuple):
     """What is known of detections and tracks before a step."""
 
     p_detection: F64
-    """(n,) probability that a detection of each matched track's class is turned."""
+    """(K,) probability that a detection of each class is turned."""
     p_changed: float
     """Probability that a track came to be turned, or no longer is, since the last step."""
-
-
-class TurnCounts(NamedTuple):
-    """Detections by class, which the kernel adds to."""
-
     turned: F64
-    """(K,) expected number that were turned."""
+    """(K,) expected number of turned detections by class, which the kernel adds to."""
     seen: F64
-    """(K,) number of all."""
+    """(K,) number of all, likewise."""
 
 
 class Headings:
@@ -96,40 +113,39 @@ class Headings:
     def p_detection_turned(self, label: I64) -> F64:
         """Return f (n,), the probability that a detection of each class is turned."""
         self._make_room(label)
-        prior = self._config.prior_detections
-        turned = self._turned[label] + self._config.p_turned * prior
-        return np.asarray(turned / (self._seen[label] + prior))
+        return self._by_class()[label]
 
-    def observe_detections(self, rows: I64, seen: DetectedHeadings, elapsed_s: float) -> None:
-        """Weigh detected headings of the tracks `rows` (n,), before the bank is corrected."""
-        f = self.p_detection_turned(seen.label)
+    def observe_detections(
+        self, matched: Matched, seen: DetectedHeadings, tracks: TrackHeadings, elapsed_s: float
+    ) -> None:
+        """Weigh detected headings of matched tracks, before the bank is corrected by them."""
+        self._make_room(seen.label)
         # a track that took over another object may be turned: both ways at one rate
         changed = 0.5 * (1.0 - math.exp(-2.0 * self._config.switch_per_s * elapsed_s))
-        counts = TurnCounts(self._turned, self._seen)
-        _observe_detections(self.p_turned, rows, seen, TurnModel(f, changed), counts)
+        model = TurnModel(self._by_class(), changed, self._turned, self._seen)
+        _observe_detections(self.p_turned, matched, seen, tracks, model)
 
-    def course(self, rows: I64, filters: tuple[F64, F64], moving: F64, slip_rad: F64) -> Course:
-        """Return the courses of the tracks `rows` (n,); `moving` (n,) is how far each counts.
+    def course(self, rows: I64, motion: Motion, share: float) -> Course:
+        """Return the courses of the tracks `rows` (n,); `share` is the weight of the step."""
+        return Course(*_course(rows, motion, share))
 
-        `filters` are mean (N, 11) and planar covariance (N, 4, 4).
-        """
-        return Course(*_course(rows, *filters, moving, slip_rad))
-
-    def observe_motion(self, rows: I64, filters: tuple[F64, F64], still: F64, share: float) -> I64:
+    def observe_motion(self, rows: I64, motion: Motion, share: float) -> I64:
         """Weigh the velocities of `rows` (n,) and return the rows that are to be turned.
 
-        `still` (n,) are the probabilities of standing, `share` the weight of the step. The rows are
-        taken as turned: their probabilities belong to the new headings.
+        `share` is the weight of the step. The rows are taken as turned: their probabilities belong
+        to the new headings.
         """
-        backwards = self._config.p_backwards
-        _observe_motion(self.p_turned, rows, filters, still, (share, backwards))
-        turned = rows[self.p_turned[rows] > 0.5]
-        self.p_turned[turned] = 1.0 - self.p_turned[turned]
-        return turned
+        turned = _observe_motion(self.p_turned, rows, motion, share, self._config.p_backwards)
+        return np.asarray(rows[turned])
 
     def share(self, elapsed_s: float) -> float:
         """Return how much of a velocity estimate is new after a step."""
         return 1.0 - math.exp(-elapsed_s / self._config.correlation_s)
+
+    def _by_class(self) -> F64:
+        prior = self._config.prior_detections
+        turned = self._turned + self._config.p_turned * prior
+        return np.asarray(turned / (self._seen + prior))
 
     def _make_room(self, label: I64) -> None:
         missing = int(label.max(initial=-1)) + 1 - len(self._seen)
@@ -152,58 +168,63 @@ def _probability(log_odds: float) -> float:
 @compiled
 def _observe_detections(
     p_turned: F64,
-    rows: I64,
+    matched: Matched,
     seen: DetectedHeadings,
+    tracks: TrackHeadings,
     model: TurnModel,
-    counts: TurnCounts,
 ) -> None:
-    f = model.p_detection
-    for i in range(len(rows)):
-        n, c = rows[i], seen.label[i]
+    box, noise = seen.boxes.box, seen.boxes.z_yaw_size_variance
+    for m in range(len(matched.rows)):
+        n, i = matched.rows[m], matched.columns[m]
+        c = seen.label[i]
+        f = model.p_detection[c]
         p = p_turned[n] + (1.0 - 2.0 * p_turned[n]) * model.p_changed
-        same = _probability(2.0 * math.cos(seen.residual[i]) / seen.variance[i])
-        right = (1.0 - f[i]) * same + f[i] * (1.0 - same)
-        other = f[i] * same + (1.0 - f[i]) * (1.0 - same)
+        variance = tracks.z_yaw_size_variance[n, 1] + noise[i, 1]
+        same = _probability(2.0 * math.cos(box[i, YAW] - tracks.mean[n, YAW]) / variance)
+        right = (1.0 - f) * same + f * (1.0 - same)
+        other = f * same + (1.0 - f) * (1.0 - same)
         p = _probability(_log_odds(p) + math.log(other / right))
         p_turned[n] = p
-        counts.turned[c] += (1.0 - p) * (1.0 - same) + p * same
-        counts.seen[c] += 1.0
+        model.turned[c] += (1.0 - p) * (1.0 - same) + p * same
+        model.seen[c] += 1.0
 
 
 @compiled
-def _course(rows: I64, mean: F64, planar: F64, moving: F64, slip_rad: F64) -> tuple[F64, F64]:
+def _course(rows: I64, motion: Motion, share: float) -> tuple[F64, F64]:
+    mean = motion.mean
     residual, variance = np.empty(len(rows)), np.empty(len(rows))
     for i in range(len(rows)):
         n = rows[i]
         x, y = mean[n, 7], mean[n, 8]
         square = x * x + y * y + SMALLEST
         # the spread across the direction of motion: (-y, x) P (-y, x)' over the square, twice
-        p = planar[n]
-        across = (y * y * p[2, 2] - 2.0 * x * y * p[2, 3] + x * x * p[3, 3]) / square
-        own = across / square + slip_rad[i] ** 2
-        variance[i] = min(own / max(moving[i], SMALLEST), LARGEST_VARIANCE)
-        offset = math.atan2(y, x) - mean[n, YAW]
-        residual[i] = (offset + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+        p = block_of(motion.planar, n, 2)
+        across = (y * y * p.xx - 2.0 * x * y * p.xy + x * x * p.yy) / square
+        own = across / square + motion.slip_rad[n] ** 2
+        moving = share * (1.0 - motion.p_standing[n])
+        variance[i] = min(own / max(moving, SMALLEST), LARGEST_VARIANCE)
+        residual[i] = modulo_pi(math.atan2(y, x) - mean[n, YAW])
     return residual, variance
 
 
 @compiled
 def _observe_motion(
-    p_turned: F64,
-    rows: I64,
-    filters: tuple[F64, F64],
-    still: F64,
-    weights: tuple[float, float],
-) -> None:
-    mean, planar = filters
-    share, backwards = weights
+    p_turned: F64, rows: I64, motion: Motion, share: float, backwards: float
+) -> Mask:
+    mean, turned = motion.mean, np.zeros(len(rows), np.bool_)
     for i in range(len(rows)):
         n = rows[i]
-        p, cos, sin = planar[n], math.cos(mean[n, YAW]), math.sin(mean[n, YAW])
+        p = block_of(motion.planar, n, 2)
+        cos, sin = math.cos(mean[n, YAW]), math.sin(mean[n, YAW])
         along = cos * mean[n, 7] + sin * mean[n, 8]
-        spread = cos * cos * p[2, 2] + 2.0 * cos * sin * p[2, 3] + sin * sin * p[3, 3]
+        spread = cos * cos * p.xx + 2.0 * cos * sin * p.xy + sin * sin * p.yy
         forward = 0.5 * math.erfc(-along / math.sqrt(2.0 * spread))
         right = (1.0 - backwards) * forward + backwards * (1.0 - forward)
-        moves = 1.0 - still[i]
-        odds = (0.5 * still[i] + moves * (1.0 - right)) / (0.5 * still[i] + moves * right)
+        still = motion.p_standing[n]
+        moves = 1.0 - still
+        odds = (0.5 * still + moves * (1.0 - right)) / (0.5 * still + moves * right)
         p_turned[n] = _probability(_log_odds(p_turned[n]) + share * math.log(odds))
+        turned[i] = p_turned[n] > 0.5
+        if turned[i]:
+            p_turned[n] = 1.0 - p_turned[n]
+    return turned

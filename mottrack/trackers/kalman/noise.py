@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask, Texts
 from mottrack.core.errors import unknown_name
 from mottrack.trackers.kalman.config import NoiseConfig
@@ -52,11 +53,18 @@ class NoiseTable:
     def index(self, label: Texts) -> I64:
         """Return the index (N,) of each label; an unseen one gets the noise of UNKNOWN."""
         names = label.tolist()
-        for name in sorted(set(names) - self._position.keys()):
-            self.labels.append(name)
-            self._classes.append(UNKNOWN)
+        try:
+            return np.array([self._position[name] for name in names], np.int64)
+        except KeyError:
+            for name in sorted(set(names) - self._position.keys()):
+                self.labels.append(name)
+                self._classes.append(UNKNOWN)
             self._pack()
-        return np.array([self._position[name] for name in names], np.int64)
+        return self.index(label)
+
+    def names(self, index: I64) -> Texts:
+        """Return the labels (N,) of those class indices."""
+        return np.asarray(self._names[index])
 
     def knows(self, label: Texts) -> Mask:
         """Return whether each label (N,) has noise of its own."""
@@ -77,6 +85,7 @@ class NoiseTable:
     def _pack(self) -> None:
         rows = self._classes
         self._position = {name: k for k, name in enumerate(self.labels)}
+        self._names = np.array(self.labels)
         self._packed = NoiseRows(
             observation=np.array([r.observation for r in rows]),
             lateral_ratio=np.array([r.lateral_ratio for r in rows]),
@@ -92,7 +101,7 @@ def position_covariance(noise: NoiseRows, yaw_rad: F64) -> F64:
     variance = noise.observation[:, :2]
     if (noise.longitudinal_ratio == 1.0).all():
         return _diagonal(variance)
-    mean = variance.mean(axis=1)
+    mean = 0.5 * (variance[:, 0] + variance[:, 1])
     return _aligned(noise.longitudinal_ratio**2 * mean, mean, yaw_rad)
 
 
@@ -101,7 +110,7 @@ def initial_velocity_covariance(noise: NoiseRows, yaw_rad: F64) -> F64:
     variance = noise.initial[:, 7:9]
     if (noise.lateral_ratio == 1.0).all():
         return _diagonal(variance)
-    mean = variance.mean(axis=1)
+    mean = 0.5 * (variance[:, 0] + variance[:, 1])
     return _aligned(mean, noise.lateral_ratio**2 * mean, yaw_rad)
 
 
@@ -109,11 +118,16 @@ def _diagonal(variance: F64) -> F64:
     return variance[:, :, None] * np.eye(2)
 
 
+@compiled
 def _aligned(longitudinal: F64, lateral: F64, yaw_rad: F64) -> F64:
     """Return covariances with these variances (N,) along and across the headings (N,)."""
-    heading = np.stack([np.cos(yaw_rad), np.sin(yaw_rad)], axis=1)
-    stretch = (longitudinal - lateral)[:, None, None] * heading[:, :, None] * heading[:, None, :]
-    return np.asarray(lateral[:, None, None] * np.eye(2) + stretch)
+    covariance = np.empty((len(yaw_rad), 2, 2))
+    for n in range(len(yaw_rad)):
+        cos, sin, stretch = np.cos(yaw_rad[n]), np.sin(yaw_rad[n]), longitudinal[n] - lateral[n]
+        covariance[n, 0, 0] = lateral[n] + stretch * cos * cos
+        covariance[n, 1, 1] = lateral[n] + stretch * sin * sin
+        covariance[n, 0, 1] = covariance[n, 1, 0] = stretch * cos * sin
+    return covariance
 
 
 class PairGrowth(NamedTuple):

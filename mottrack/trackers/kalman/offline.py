@@ -17,7 +17,7 @@ import numpy as np
 from mottrack.core.arrays import F64
 from mottrack.core.objects import Tracks
 from mottrack.core.pose import wrap_angle
-from mottrack.trackers.kalman.association import heading_residual
+from mottrack.geometry.angles import heading_residual
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.ghosts import p_real
 from mottrack.trackers.kalman.linking import Link, link

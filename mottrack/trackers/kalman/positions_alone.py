@@ -8,11 +8,13 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.trackers.kalman.block_bank import Blocks, correct_planar, predict_planar
+from mottrack.geometry.two_by_two import block_of
+from mottrack.trackers.kalman.block_bank import Residual, correct_planar, predict_planar
 from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.detections import Detections
+from mottrack.trackers.kalman.observations import Matched, Observation
 from mottrack.trackers.kalman.standing import (
     Hypotheses,
-    Observation,
     Rates,
     Standing,
     change,
@@ -20,6 +22,21 @@ from mottrack.trackers.kalman.standing import (
     weigh_position,
 )
 from mottrack.trackers.kalman.state import STATE_SIZE
+from mottrack.trackers.velocity_source.evidence import (
+    Known,
+    believed,
+    elapse,
+    fade,
+    judge,
+    settle,
+)
+
+
+class Judged(NamedTuple):
+    """What velocities are added to and judged by, as `velocity_source.evidence` reads it."""
+
+    evidence: F64
+    law: F64
 
 
 class Tracked(NamedTuple):
@@ -32,16 +49,15 @@ class Tracked(NamedTuple):
     standing: Hypotheses
 
 
-class MotionModel(NamedTuple):
-    """How tracks move over a step."""
+class Moved(NamedTuple):
+    """What a step brings to all N tracks."""
 
-    wiener: bool
-    """Process noise of a white acceleration, not of the diagonal alone."""
-    may_stand: bool
-    """Tracks start and stop."""
+    elapsed_s: F64
+    """(N,)"""
+    process: F64
+    """(N, 11) process noise per `unit_s`."""
     unit_s: float
-    """Time unit of the process noise."""
-    rates: Rates
+    """The tracker's unit of time."""
 
 
 class PositionsAlone:
@@ -55,12 +71,8 @@ class PositionsAlone:
         self._config = config.standing
         self._wiener = config.noise.form == "wiener"
         self._standing = Standing(config.standing)
-        self._blocks = _blocks(np.zeros((0, STATE_SIZE)), np.zeros((0, 4, 4)))
-
-    @property
-    def filters(self) -> tuple[F64, F64]:
+        self.filters = np.zeros((0, STATE_SIZE)), np.zeros((0, 4, 4))
         """Means (N, 11) and covariances of (x, y, d_x, d_y) (N, 4, 4)."""
-        return self._blocks.mean, self._blocks.planar
 
     @property
     def p_standing(self) -> F64:
@@ -69,66 +81,93 @@ class PositionsAlone:
 
     def append(self, tracks: Tracked) -> None:
         """Add n tracks, all of whose numbers come from positions."""
-        new = tracks.mean, tracks.planar
-        joined = (np.concatenate(pair) for pair in zip(self.filters, new, strict=True))
-        self._blocks = _blocks(*joined)
+        mean, planar = self.filters
+        self.filters = np.concatenate([mean, tracks.mean]), np.concatenate([planar, tracks.planar])
         self._standing.append(*tracks.standing)
 
     def keep(self, mask: Mask) -> None:
         """Drop every track outside the mask (N,)."""
-        self._blocks = _blocks(*(part[mask] for part in self.filters))
+        mean, planar = self.filters
+        self.filters = mean[mask], planar[mask]
         self._standing.keep(mask)
 
-    def predict(self, elapsed_s: F64, process: F64, unit_s: float) -> None:
-        """Advance over `elapsed_s` (N,), with process noise (N, 11) per `unit_s`."""
-        rates = rates_of(self._config, unit_s)
-        model = MotionModel(self._wiener, self._config.use, unit_s, rates)
-        _predict(self._standing.rows, self.filters, elapsed_s, process, model)
+    def step(self, moved: Moved, matched: Matched, seen: Detections, judged: Judged) -> int:
+        """Advance all tracks, correct those matched, judge velocities; return how many."""
+        rates = rates_of(self._config, moved.unit_s)
+        return _step(
+            (*self._standing.rows, *self.filters),
+            (moved.elapsed_s, moved.process, *matched),
+            (seen.box, seen.xy_covariance, seen.velocity, seen.velocity_covariance),
+            (seen.has_velocity, *judged),
+            (self._wiener, self._config.use, moved.unit_s, *rates),
+        )
 
-    def observe(self, rows: I64, position: Observation) -> None:
-        """Correct the tracks `rows` (n,)."""
-        _observe(self._standing.rows, rows, position, self._blocks, self._config.use)
 
+@compiled
+def _step(
+    tracks: tuple[F64, F64, F64, F64, F64],
+    step: tuple[F64, F64, I64, I64],
+    seen: tuple[F64, F64, F64, F64],
+    judged: tuple[Mask, F64, F64],
+    model: tuple[bool, bool, float, float, float, float],
+) -> int:
+    """Predict tracks and let them start and stop; weigh positions and velocities, and correct.
 
-def _blocks(mean: F64, planar: F64) -> Blocks:
-    return Blocks(mean, planar, np.zeros((0, 5)), np.zeros((0, 2)), np.zeros((0, 2)))
+    Plain tuples: numba takes a microsecond and more to look at a named one.
+    """
+    rows, filters = Hypotheses(tracks[0], tracks[1], tracks[2]), (tracks[3], tracks[4])
+    matched, position = Matched(step[2], step[3]), Observation(seen[0], seen[1])
+    _predict(rows, filters, (step[0], step[1]), model)
+    if model[1]:
+        weigh_position(rows, matched, position, filters)
+    mean, work = filters[0], np.empty((4, 8))
+    for m in range(len(matched.rows)):
+        n, i = matched.rows[m], matched.columns[m]
+        x, y = position.value[i, 0] - mean[n, 0], position.value[i, 1] - mean[n, 1]
+        residual = Residual(x, y, block_of(position.covariance, i, 0))
+        correct_planar(filters, n, 0, residual, work)
+    longest_s = 0.0
+    for n in range(len(step[0])):
+        longest_s = max(longest_s, step[0][n])
+    elapse(judged[1], longest_s, believed(judged[2]))
+    return _judge(rows, filters, matched, (seen[2], seen[3]), judged)
 
 
 @compiled
 def _predict(
     rows: Hypotheses,
     filters: tuple[F64, F64],
-    elapsed_s: F64,
-    process: F64,
-    model: MotionModel,
+    moved: tuple[F64, F64],
+    model: tuple[bool, bool, float, float, float, float],
 ) -> None:
-    """Predict by F and Q of `noise.pair_growth`, then let tracks start and stop."""
-    mean, planar = filters
-    for n in range(len(mean)):
-        t = elapsed_s[n] / model.unit_s
-        predict_planar(planar[n], t)
-        for k in range(2):
-            mean[n, k] += t * mean[n, k + 7]
-            p, q = process[n, k], process[n, k + 7]
-            planar[n, k, k] += p * t
-            planar[n, k + 2, k + 2] += q * t
-            if model.wiener:
-                planar[n, k, k] += q * t**3 / 3.0
-                planar[n, k, k + 2] += q * t**2 / 2.0
-                planar[n, k + 2, k] += q * t**2 / 2.0
-    if model.may_stand:
-        change(rows, filters, elapsed_s, model.rates)
+    elapsed_s, process = moved
+    for n in range(len(elapsed_s)):
+        predict_planar(filters, n, process, elapsed_s[n] / model[2], model[0])
+    if model[1]:
+        change(rows, filters, elapsed_s, Rates(model[3], model[4], model[5]))
 
 
 @compiled
-def _observe(
-    rows: Hypotheses, chosen: I64, position: Observation, blocks: Blocks, may_stand: bool
-) -> None:
-    """Weigh positions (n,) of the tracks `chosen` (n,), then correct their states by them."""
-    if may_stand:
-        weigh_position(rows, chosen, position, (blocks.mean, blocks.planar))
-    residual = np.empty((len(chosen), 2))
-    for i in range(len(chosen)):
-        for k in range(2):
-            residual[i, k] = position.value[i, k] - blocks.mean[chosen[i], k]
-    correct_planar(blocks, chosen, 0, residual, position.covariance)
+def _judge(
+    rows: Hypotheses,
+    filters: tuple[F64, F64],
+    matched: Matched,
+    velocity: tuple[F64, F64],
+    judged: tuple[Mask, F64, F64],
+) -> int:
+    """Judge the velocities of matched tracks; return how many there were."""
+    has_velocity, evidence, numbers = judged
+    (mean, planar), law, count = filters, believed(numbers), 0
+    for m in range(len(matched.rows)):
+        n, i = matched.rows[m], matched.columns[m]
+        if not has_velocity[i]:
+            continue
+        if count == 0:
+            fade(evidence)
+        count += 1
+        known = Known(mean[n, 7], mean[n, 8], block_of(planar, n, 2), rows.p_standing[n])
+        v = velocity[0][i, 0], velocity[0][i, 1]
+        judge(evidence, v, block_of(velocity[1], i, 0), known, law)
+    if count > 0:
+        settle(evidence, law)
+    return count

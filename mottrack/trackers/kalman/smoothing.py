@@ -13,7 +13,7 @@ from mottrack.core.errors import ConfigError
 from mottrack.core.objects import Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
-from mottrack.trackers.kalman.association import heading_residual
+from mottrack.geometry.angles import heading_residual
 from mottrack.trackers.kalman.config import KalmanConfig, StandingConfig
 from mottrack.trackers.kalman.noise import NoiseTable, process_covariance
 from mottrack.trackers.kalman.state import POSE, RATE, STATE_SIZE, YAW

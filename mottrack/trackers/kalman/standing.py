@@ -32,42 +32,26 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.core.velocity_errors import VelocityErrorModel
-from mottrack.geometry.two_by_two import determinant_of, inverse_quadratic_of
+from mottrack.geometry.two_by_two import (
+    block_of,
+    row_times_inverse,
+    scaled,
+    sum_of,
+)
 from mottrack.trackers.kalman.config import StandingConfig
+from mottrack.trackers.kalman.moments import Moments
+from mottrack.trackers.kalman.observations import Matched, Observation
+from mottrack.trackers.velocity_source.failures import (
+    SMALLEST,
+    Failures,
+    isotropic_density,
+    missed_share,
+    normal_density,
+)
 
-SMALLEST = 1e-200
-"""Lower bound of a density: what no hypothesis explains changes no probability."""
 SURE = 0.999
 """A velocity that is correct with this probability is taken for correct: a mixture of two states
 for the rest would cost more time than the test of the source."""
-
-
-class Failures(NamedTuple):
-    """How velocities err, in the tracker's unit of time, as the kernels read it."""
-
-    p_missed: float
-    p_slow: float
-    slow_speed: float
-    p_outlier: float
-    """Of moving objects."""
-    outlier_variance: float
-    p_outlier_standing: float
-    rest_scale: float
-    """Covariance of the velocities of standing objects over that of moving ones."""
-
-    @classmethod
-    def of(cls, model: VelocityErrorModel, unit_s: float) -> Failures:
-        """Return the model's numbers; `unit_s` is the length of the unit of time in seconds."""
-        return cls(
-            float(model.p_missed_motion),
-            float(model.p_missed_slow),
-            model.missed_speed_mps * unit_s,
-            float(model.p_outlier),
-            (model.outlier_sigma_mps * unit_s) ** 2,
-            float(model.p_outlier),
-            1.0,
-        )
 
 
 class Hypotheses(NamedTuple):
@@ -119,18 +103,17 @@ class Standing:
         """Drop every track outside the mask (N,)."""
         self.rows = Hypotheses(*(part[mask] for part in self.rows))
 
-    def predict(self, mean: F64, planar: F64, elapsed_s: F64, unit_s: float) -> None:
-        """Let tracks start and stop within `elapsed_s` (N,).
-
-        `mean` (N, 11) and `planar` (N, 4, 4) are the predicted filters; see `block_bank.Blocks`.
-        """
+    def predict(self, filters: tuple[F64, F64], elapsed_s: F64, unit_s: float) -> None:
+        """Let tracks start and stop within `elapsed_s` (N,); `filters` are the predicted ones."""
         if self._config.use:
-            change(self.rows, (mean, planar), elapsed_s, rates_of(self._config, unit_s))
+            change(self.rows, filters, elapsed_s, rates_of(self._config, unit_s))
 
-    def observe_position(self, rows: I64, box: Observation, mean: F64, planar: F64) -> None:
-        """Weigh positions of the tracks `rows` (n,), before the bank is corrected by them."""
+    def observe_position(
+        self, matched: Matched, seen: Observation, filters: tuple[F64, F64]
+    ) -> None:
+        """Weigh positions of matched tracks, before the bank is corrected by them."""
         if self._config.use:
-            weigh_position(self.rows, rows, box, (mean, planar))
+            weigh_position(self.rows, matched, seen, filters)
 
     def observe_velocity(
         self, rows: I64, velocity: Observation, filters: tuple[F64, F64], failures: Failures
@@ -139,57 +122,11 @@ class Standing:
 
         `filters` are mean (N, 11) and planar (N, 4, 4), corrected by the positions of this step.
         """
-        weight: F64 = _observe_velocity(self.rows, rows, velocity, filters, failures)
-        return weight
+        return _observe_velocity(self.rows, rows, velocity, filters, failures)
 
-
-class Observation(NamedTuple):
-    """n measured vectors in the plane."""
-
-    value: F64
-    """(n, 2)"""
-    covariance: F64
-    """(n, 2, 2)"""
-
-
-@compiled
-def missed_share(failures: Failures, d: F64, p: F64) -> float:
-    """Return p_missed of one track with velocity N(d, p).
-
-    The mean of exp(-u^2 / 2 s^2) over u ~ N(d, p) is 2 pi s^2 N(d; 0, p + s^2 I).
-    """
-    s = failures.slow_speed**2
-    xx, yy, xy = p[0, 0] + s, p[1, 1] + s, p[0, 1]
-    determinant = xx * yy - xy * xy
-    squared = (yy * d[0] * d[0] - 2.0 * xy * d[0] * d[1] + xx * d[1] * d[1]) / determinant
-    slow = s / np.sqrt(determinant) * np.exp(-0.5 * squared)
-    return float(failures.p_missed + failures.p_slow * slow)
-
-
-@compiled
-def normal_density(x: float, y: float, s: F64) -> float:
-    """Return N((x, y); 0, s) for one covariance (2, 2)."""
-    scale = 2.0 * np.pi * np.sqrt(determinant_of(s))
-    return float(np.exp(-0.5 * inverse_quadratic_of(s, x, y)) / scale)
-
-
-@compiled
-def isotropic_density(v: F64, variance: float, s: F64) -> float:
-    """Return N(v; 0, s + variance I) for one v (2,) and covariance s (2, 2)."""
-    xx, yy, xy = s[0, 0] + variance, s[1, 1] + variance, s[0, 1]
-    determinant = xx * yy - xy * xy
-    squared = (yy * v[0] * v[0] - 2.0 * xy * v[0] * v[1] + xx * v[1] * v[1]) / determinant
-    return float(np.exp(-0.5 * squared) / (2.0 * np.pi * np.sqrt(determinant)))
-
-
-@compiled
-def missed_shares(filters: tuple[F64, F64], failures: Failures) -> F64:
-    """Return p_missed (N,) of tracks with mean (N, 11) and planar covariance (N, 4, 4)."""
-    mean, planar = filters
-    share = np.empty(len(mean))
-    for n in range(len(mean)):
-        share[n] = missed_share(failures, mean[n, 7:9], planar[n, 2:, 2:])
-    return share
+    def velocities(self, rows: I64, filters: tuple[F64, F64]) -> Moments:
+        """Return the velocities of `rows` (n,), of both hypotheses together."""
+        return Moments(*_mixed_velocities(self.rows.p_standing, rows, filters))
 
 
 @compiled
@@ -201,7 +138,8 @@ def change(rows: Hypotheses, filters: tuple[F64, F64], elapsed_s: F64, rates: Ra
         t = elapsed_s[n]
         if t <= 0.0:
             continue
-        near_zero = 2.0 * np.pi * rest * isotropic_density(mean[n, 7:9], rest, planar[n, 2:, 2:])
+        density = isotropic_density(mean[n, 7], mean[n, 8], rest, block_of(planar, n, 2))
+        near_zero = 2.0 * np.pi * rest * density
         stays = rows.p_standing[n] * np.exp(-t * rates.start_per_s)
         stops = (1.0 - rows.p_standing[n]) * (1.0 - np.exp(-t * rates.stop_per_s)) * near_zero
         rows.p_standing[n] = stays + stops
@@ -219,27 +157,26 @@ def change(rows: Hypotheses, filters: tuple[F64, F64], elapsed_s: F64, rates: Ra
 
 @compiled
 def weigh_position(
-    rows: Hypotheses, chosen: I64, seen: Observation, filters: tuple[F64, F64]
+    rows: Hypotheses, matched: Matched, seen: Observation, filters: tuple[F64, F64]
 ) -> None:
-    """Weigh positions (n,) of the tracks `chosen` (n,), as `Standing.observe_position` does."""
+    """Weigh positions of matched tracks, as `Standing.observe_position` does."""
     mean, planar = filters
-    for i in range(len(chosen)):
-        n, z = chosen[i], seen.value[i]
-        p = rows.spread[n].copy()
-        s = p + seen.covariance[i]
-        x, y = z[0] - rows.place[n, 0], z[1] - rows.place[n, 1]
-        stands = normal_density(x, y, s)
-        moves = normal_density(
-            z[0] - mean[n, 0], z[1] - mean[n, 1], planar[n, :2, :2] + seen.covariance[i]
-        )
-        _weigh(rows.p_standing, n, stands, moves)
-        determinant = determinant_of(s)
+    for m in range(len(matched.rows)):
+        n, i = matched.rows[m], matched.columns[m]
+        r = block_of(seen.covariance, i, 0)
+        z_x, z_y = seen.value[i, 0], seen.value[i, 1]
+        p = block_of(rows.spread, n, 0)
+        s = sum_of(p, r)
+        x, y = z_x - rows.place[n, 0], z_y - rows.place[n, 1]
+        expected = sum_of(block_of(planar, n, 0), r)
+        moves = normal_density(z_x - mean[n, 0], z_y - mean[n, 1], expected)
+        _weigh(rows.p_standing, n, normal_density(x, y, s), moves)
         for k in range(2):
-            gain_x = (p[k, 0] * s[1, 1] - p[k, 1] * s[0, 1]) / determinant
-            gain_y = (p[k, 1] * s[0, 0] - p[k, 0] * s[0, 1]) / determinant
+            row_x, row_y = (p.xx, p.xy) if k == 0 else (p.xy, p.yy)
+            gain_x, gain_y = row_times_inverse(row_x, row_y, s)
             rows.place[n, k] += gain_x * x + gain_y * y
-            for c in range(2):
-                rows.spread[n, k, c] = p[k, c] - gain_x * p[0, c] - gain_y * p[1, c]
+            rows.spread[n, k, 0] = row_x - gain_x * p.xx - gain_y * p.xy
+            rows.spread[n, k, 1] = row_y - gain_x * p.xy - gain_y * p.yy
 
 
 @compiled
@@ -253,13 +190,14 @@ def _observe_velocity(
     mean, planar = filters
     weight = np.ones(len(chosen))
     for i in range(len(chosen)):
-        n, v, r = chosen[i], seen.value[i], seen.covariance[i]
-        d, p = mean[n, 7:9], planar[n, 2:, 2:]
-        p_missed = missed_share(failures, d, p)
-        zero = normal_density(v[0], v[1], failures.rest_scale * r)
-        wild = isotropic_density(v, failures.outlier_variance, r)
+        n, r = chosen[i], block_of(seen.covariance, i, 0)
+        x, y, d_x, d_y = seen.value[i, 0], seen.value[i, 1], mean[n, 7], mean[n, 8]
+        p = block_of(planar, n, 2)
+        p_missed = missed_share(failures, d_x, d_y, p)
+        zero = normal_density(x, y, scaled(r, failures.rest_scale))
+        wild = isotropic_density(x, y, failures.outlier_variance, r)
         outlier, at_rest = failures.p_outlier * wild, failures.p_outlier_standing * wild
-        expected = normal_density(v[0] - d[0], v[1] - d[1], p + r)
+        expected = normal_density(x - d_x, y - d_y, sum_of(p, r))
         correct = (1.0 - p_missed - failures.p_outlier) * expected
         moves = correct + p_missed * zero + outlier
         _weigh(rows.p_standing, n, (1.0 - failures.p_outlier_standing) * zero + at_rest, moves)
@@ -267,6 +205,22 @@ def _observe_velocity(
             share = correct / max(moves, SMALLEST)
             weight[i] = share if share < SURE else 1.0
     return weight
+
+
+@compiled
+def _mixed_velocities(p_standing: F64, rows: I64, filters: tuple[F64, F64]) -> tuple[F64, F64]:
+    """Return mean (n, 2) and covariance (n, 2, 2) of 0 with p_standing, else of N(d, P)."""
+    mean, planar = filters
+    velocity, covariance = np.empty((len(rows), 2)), np.empty((len(rows), 2, 2))
+    for i in range(len(rows)):
+        n = rows[i]
+        p = 1.0 - p_standing[n]
+        for k in range(2):
+            velocity[i, k] = p * mean[n, k + 7]
+            for c in range(2):
+                apart = (1.0 - p) * mean[n, k + 7] * mean[n, c + 7]
+                covariance[i, k, c] = p * (planar[n, k + 2, c + 2] + apart)
+    return velocity, covariance
 
 
 @compiled
@@ -278,21 +232,25 @@ def _weigh(p: F64, n: int, stands: float, moves: float) -> None:
 
 
 @compiled
-def velocity_likelihoods(seen: Observation, prior: F64, failures: Failures) -> F64:
-    """Return three densities (3, n) of measured velocities, whichever track they belong to.
+def velocity_likelihoods(seen: Observation, prior: F64, at_rest: float, failures: Failures) -> F64:
+    """Return four densities (4, n) of measured velocities, whichever track they belong to.
 
-    The first is that of an object at rest, the second that of an outlier times its probability, the
-    third that of a new object whose velocity is N(0, prior), with `prior` (n, 2, 2).
+    The first is that of a missed motion, the second that of a moving object's outlier times its
+    probability, the third that of an object that stands. The fourth is that of a new object: it
+    stands with the probability `at_rest`, or moves by N(0, prior), with `prior` (n, 2, 2).
     """
-    result = np.empty((3, len(prior)))
-    d = np.zeros(2)
+    result = np.empty((4, len(prior)))
     for i in range(len(prior)):
-        v, r = seen.value[i], seen.covariance[i]
-        p_missed = missed_share(failures, d, prior[i])
-        zero = normal_density(v[0], v[1], failures.rest_scale * r)
-        outlier = failures.p_outlier * isotropic_density(v, failures.outlier_variance, r)
-        new = normal_density(v[0], v[1], prior[i] + r)
+        x, y, r = seen.value[i, 0], seen.value[i, 1], block_of(seen.covariance, i, 0)
+        p = block_of(prior, i, 0)
+        p_missed = missed_share(failures, 0.0, 0.0, p)
+        zero = normal_density(x, y, scaled(r, failures.rest_scale))
+        wild = isotropic_density(x, y, failures.outlier_variance, r)
+        outlier = failures.p_outlier * wild
+        stands = (1.0 - failures.p_outlier_standing) * zero + failures.p_outlier_standing * wild
+        new = normal_density(x, y, sum_of(p, r))
         result[0, i], result[1, i] = zero, outlier
         moves = (1.0 - p_missed - failures.p_outlier) * new + p_missed * zero + outlier
-        result[2, i] = max(moves, SMALLEST)
+        result[2, i] = stands
+        result[3, i] = max(at_rest * stands + (1.0 - at_rest) * moves, SMALLEST)
     return result

@@ -180,7 +180,7 @@ def record_hits(tracks: TrackRows, rows: I64, score: F64, source: I64, stamp_ns:
     tracks.misses[rows] = 0
     tracks.score[rows] = score
     tracks.score_sum[rows] += score
-    likely = np.clip(score, 0.0, 1.0)
+    likely = np.minimum(np.maximum(score, 0.0), 1.0)  # `clip` takes three times as long
     tracks.confidence[rows] = 1.0 - (1.0 - tracks.confidence[rows]) * (1.0 - likely)
     tracks.seen_ns[rows] = stamp_ns
     tracks.source[rows] = source

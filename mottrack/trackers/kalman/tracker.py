@@ -10,39 +10,28 @@ from mottrack.core.objects import Objects, Tracks
 from mottrack.core.pose import wrap_angle
 from mottrack.core.sweep import seconds_between
 from mottrack.core.velocity_errors import NO_OUTLIERS
-from mottrack.trackers.kalman.association import (
-    Innovations,
-    Predicted,
-    associate,
-    heading_residual,
-    innovations,
-)
+from mottrack.trackers.kalman.association import Innovations, Predicted, associate, innovations
 from mottrack.trackers.kalman.bank import make_bank
 from mottrack.trackers.kalman.block_bank import planar_covariance
 from mottrack.trackers.kalman.clutter import MIN_AREA_M2, ClutterDensity, spanned_area_m2
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import (
     Detections,
-    ScoreEvidence,
     error_model_of,
     observations_of,
 )
-from mottrack.trackers.kalman.heading import DetectedHeadings, Headings
-from mottrack.trackers.kalman.moments import Moments, mixture
+from mottrack.trackers.kalman.heading import DetectedHeadings, Headings, Motion, TrackHeadings
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
-from mottrack.trackers.kalman.positions_alone import Tracked
-from mottrack.trackers.kalman.standing import (
-    Hypotheses,
-    Observation,
-    Standing,
-    missed_shares,
-)
-from mottrack.trackers.kalman.state import BOX_SIZE, SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
+from mottrack.trackers.kalman.observations import Matched, Observation
+from mottrack.trackers.kalman.positions_alone import Moved, Tracked
+from mottrack.trackers.kalman.score_evidence import ScoreEvidence
+from mottrack.trackers.kalman.standing import Hypotheses, Standing
+from mottrack.trackers.kalman.state import SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
-from mottrack.trackers.kalman.velocity_law import Law
 from mottrack.trackers.kalman.velocity_test import make_test
 from mottrack.trackers.step_input import checked_stamp, is_gap
+from mottrack.trackers.velocity_source.law import Law
 
 
 class KalmanTracker:
@@ -66,7 +55,7 @@ class KalmanTracker:
         self._test = make_test(self.config)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
-        self._evidence = ScoreEvidence()
+        self._evidence = ScoreEvidence(self.config.association)
         self._hulls = LastHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
@@ -86,24 +75,26 @@ class KalmanTracker:
         elapsed_s = self._elapsed_s(stamp_ns)
         unit_s = elapsed_s if self.config.time == "frames" else 1.0
         if objects.velocity is not None:
-            self._test.start(Tracked(*self._filters(), self._standing.rows))
+            self._test.start(Tracked(*self._bank.filters, self._standing.rows))
         self.law = self._test.law(error_model_of(objects, self.config), unit_s)
         seen = observations_of(objects, self.config, self._table, self.law)
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
         seen.nll_gate[:] = gates[seen.label]
-        seen.evidence[:] = self._evidence.of(seen.score)
+        log_odds = self._evidence.log_odds(seen.score)
+        seen.evidence[:] = self._evidence.weight(len(gates))[seen.label] * log_odds
         first, self._stamp_ns = self._stamp_ns is None, stamp_ns
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
         process = self._table.process(tracks.label)
         elapsed = np.where(active, elapsed_s, 0.0)
         self._bank.predict(elapsed / unit_s, process)
-        self._standing.predict(*self._filters(), elapsed, unit_s)
-        self._test.predict(elapsed, process, unit_s)
+        self._standing.predict(self._bank.filters, elapsed, unit_s)
         management.begin(tracks, seen.label, len(self._table.labels), elapsed_s)
-        rows, columns = self._associate(seen, np.flatnonzero(active))
-        self._update(rows, columns, seen, elapsed_s)
+        matched = self._associate(seen, np.flatnonzero(active))
+        self._test.step(Moved(elapsed, process, unit_s), matched, seen, self.law)
+        self._update(matched, seen, elapsed_s)
+        rows, columns = matched
         if self.config.yaw == "estimated":
             self._turn_by_motion(rows, elapsed_s)
         record_hits(tracks, rows, seen.score[columns], seen.source[columns], stamp_ns)
@@ -111,10 +102,11 @@ class KalmanTracker:
         left[columns] = False
         unmatched = np.flatnonzero(left)
         if not first:  # in a first frame every object is new
-            self._clutter.record(seen.label[unmatched], len(self._table.labels), area_m2)
+            self._clutter.record(seen.label[unmatched], len(gates), area_m2)
+            self._evidence.record(seen.label, log_odds, left, len(gates))
         self._initiate(unmatched, seen, stamp_ns)
         is_published = management.is_published(tracks, seen.label, stamp_ns)
-        published = self._published(is_published, stamp_ns, unit_s)
+        published = self._published(np.flatnonzero(is_published), stamp_ns, unit_s)
         published = self._hulls.add_to(published, tracks, objects)
         alive = management.alive(tracks, stamp_ns)
         if not alive.all():
@@ -164,69 +156,58 @@ class KalmanTracker:
         self._test.keep(alive)
         self._tracks.keep(alive)
 
-    def _associate(self, seen: Detections, active: I64) -> tuple[I64, I64]:
+    def _associate(self, seen: Detections, active: I64) -> Matched:
         bank = self._bank
-        filters = self._filters()
-        missed = missed_shares(filters, self.law.failures)
-        correct = 1.0 - self.law.failures.p_outlier - missed
-        boxes = bank.z_yaw_size_variance(), self._tracks.label
-        tracks = Predicted(*filters, *boxes, correct, missed)
+        variance, label = bank.z_yaw_size_variance, self._tracks.label
+        standing = self._standing.rows
+        tracks = Predicted(*bank.filters, variance, label, *standing, self.law.failures)
         if len(active) < len(bank):
             tracks = tracks.select(active)
         rows, columns = associate(seen, tracks, self.config, self._table.labels)
         if self.config.diagnose:
             self.innovations = innovations(seen, tracks, (columns, rows))
-        return active[rows], columns
+        return Matched(active[rows], columns)
 
-    def _update(self, rows: I64, columns: I64, seen: Detections, elapsed_s: float) -> None:
+    def _update(self, matched: Matched, seen: Detections, elapsed_s: float) -> None:
         """Apply the Kalman updates of matched tracks by the box, then by measured velocities."""
-        bank = self._bank
-        position = Observation(seen.box[columns, :2], seen.xy_covariance[columns])
-        self._standing.observe_position(rows, position, *self._filters())
-        residual = seen.box[columns] - bank.mean[rows, :BOX_SIZE]
-        residual[:, YAW] = heading_residual(residual[:, YAW])
-        self._weigh_headings(rows, columns, seen, elapsed_s)
-        variances = seen.xy_covariance[columns], seen.z_yaw_size_variance[columns]
-        bank.update_box(rows, residual, *variances)
-        self._test.observe(rows, position)
-        measured = seen.has_velocity[columns]
+        boxes, position = seen.boxes, Observation(seen.box, seen.xy_covariance)
+        self._standing.observe_position(matched, position, self._bank.filters)
+        self._weigh_headings(matched, seen, elapsed_s)
+        self._bank.update_box(matched, boxes)
+        measured = seen.has_velocity[matched.columns]
         if measured.any():
-            rows, columns = rows[measured], columns[measured]
-            self._test.judge(rows, _velocities(seen, columns), self.law)
-            self._update_velocity(rows, columns, seen)
+            rows, columns = matched.select(measured)
+            self._update_velocity(rows, _velocities(seen, columns))
 
-    def _update_velocity(self, rows: I64, columns: I64, seen: Detections) -> None:
+    def _update_velocity(self, rows: I64, velocity: Observation) -> None:
         """Update `rows` (n,) by their velocities, each as far as it is correct."""
-        velocity, law = _velocities(seen, columns), self.law
+        law, filters = self.law, self._bank.filters
         repeated = law.model.repeated(self._tracks.velocities[rows])
         velocity = velocity._replace(covariance=repeated[:, None, None] * velocity.covariance)
-        weight = self._standing.observe_velocity(rows, velocity, self._filters(), law.failures)
-        residual = velocity.value - self._bank.mean[rows, VELOCITY]
-        self._bank.update_velocity(rows, residual, velocity.covariance, weight)
+        weight = self._standing.observe_velocity(rows, velocity, filters, law.failures)
+        self._bank.update_velocity(rows, velocity, weight)
         self._tracks.velocities[rows] += 1
 
-    def _filters(self) -> tuple[F64, F64]:
-        """Return means (N, 11), and covariances of (x, y, d_x, d_y) (N, 4, 4)."""
-        return self._bank.mean, np.ascontiguousarray(self._bank.xy_velocity_covariance())
-
-    def _weigh_headings(self, rows: I64, columns: I64, seen: Detections, elapsed_s: float) -> None:
+    def _weigh_headings(self, matched: Matched, seen: Detections, elapsed_s: float) -> None:
         """Tell front from rear by the detections, or turn every track that they contradict."""
-        offset = wrap_angle(seen.box[columns, YAW] - self._bank.mean[rows, YAW])
+        rows, columns = matched
+        mean = self._bank.filters[0]
         if self.config.yaw == "published":
+            offset = wrap_angle(seen.box[columns, YAW] - mean[rows, YAW])
             self._bank.flip_heading(rows[np.abs(offset) > np.pi / 2])
             return
-        variance = self._bank.z_yaw_size_variance()[rows, 1] + seen.z_yaw_size_variance[columns, 1]
-        headings = DetectedHeadings(offset, variance, seen.label[columns])
-        self._headings.observe_detections(rows, headings, elapsed_s)
+        headings = DetectedHeadings(seen.boxes, seen.label)
+        tracks = TrackHeadings(mean, self._bank.z_yaw_size_variance)
+        self._headings.observe_detections(matched, headings, tracks, elapsed_s)
 
     def _turn_by_motion(self, rows: I64, elapsed_s: float) -> None:
         """Correct the headings of `rows` (n,) by the directions in which they move."""
-        share, still = self._headings.share(elapsed_s), self._standing.rows.p_standing[rows]
-        slip_rad = self._table.slip_rad(self._tracks.label[rows])
-        course = self._headings.course(rows, self._filters(), share * (1.0 - still), slip_rad)
+        share = self._headings.share(elapsed_s)
+        of_tracks = self._standing.rows.p_standing, self._table.slip_rad(self._tracks.label)
+        course = self._headings.course(rows, Motion(*self._bank.filters, *of_tracks), share)
         self._bank.update_yaw(rows, *course)
-        turned = self._headings.observe_motion(rows, self._filters(), still, share)
-        self._bank.flip_heading(turned)
+        motion = Motion(*self._bank.filters, *of_tracks)
+        self._bank.flip_heading(self._headings.observe_motion(rows, motion, share))
 
     def _initiate(self, columns: I64, seen: Detections, stamp_ns: int) -> None:
         """Start a track at each unmatched detection that may start one."""
@@ -258,29 +239,25 @@ class KalmanTracker:
         self._tracks.append(rows)
         self._next_id += len(new)
         updated = np.flatnonzero(new.has_velocity & ~replaced)
-        self._update_velocity(first + updated, updated, new)
+        self._update_velocity(first + updated, _velocities(new, updated))
 
-    def _published(self, chosen: Mask, stamp_ns: int, unit_s: float) -> Tracks:
-        tracks, mean = self._tracks, self._bank.mean[chosen]
-        covariance = self._bank.covariance[chosen]
-        p_moving = 1.0 - self._standing.rows.p_standing[chosen]
-        velocity = mean[:, VELOCITY]
-        at_rest = Moments(np.zeros_like(velocity), np.zeros((len(mean), 2, 2)))
-        moving = Moments(velocity, covariance[:, VELOCITY, VELOCITY])
-        mixed = mixture(at_rest, moving, p_moving)
+    def _published(self, chosen: I64, stamp_ns: int, unit_s: float) -> Tracks:
+        tracks, filters = self._tracks, self._bank.filters
+        mean = filters[0][chosen]
+        velocity = self._standing.velocities(chosen, filters)
         return Tracks(
             stamp_ns=stamp_ns,
             frame="world",
             centre_m=mean[:, :3],
             size_m=np.maximum(mean[:, SIZE], SMALLEST_SIZE_M),
             yaw_rad=mean[:, YAW],
-            label=np.array(self._table.labels)[tracks.label[chosen]],
+            label=self._table.names(tracks.label[chosen]),
             id=tracks.id[chosen],
             score=self._management.score(tracks, stamp_ns)[chosen],
-            velocity_mps=mixed.mean / unit_s,
-            velocity_covariance_m2ps2=mixed.covariance / unit_s**2,
+            velocity_mps=velocity.mean / unit_s,
+            velocity_covariance_m2ps2=velocity.covariance / unit_s**2,
             state=mean,
-            covariance=covariance,
+            covariance=self._bank.covariance(chosen),
             observed=tracks.source[chosen] >= 0,
         )
 

@@ -14,7 +14,7 @@ import numpy as np
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.core.errors import InputError
 from mottrack.core.sweep import SECOND_NS, seconds_between
-from mottrack.trackers.kalman.association import heading_residual
+from mottrack.geometry.angles import heading_residual
 from mottrack.trackers.kalman.config import ClassNoise
 from mottrack.trackers.kalman.noise_tables import SIZE_M2PS, WANDER_M2PS, WANDER_RAD2PS
 from mottrack.trackers.noise_estimation.samples import NoiseSamples

@@ -16,7 +16,7 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.decoders import PRESETS, preset
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.pillars import CellGrid
-from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scale_objects
+from mottrack.flow.pillarflow.training.augmentation import scale_objects
 from mottrack.flow.pillarflow.training.batches import (
     NO_ROTATION,
     CropConfig,
@@ -24,9 +24,14 @@ from mottrack.flow.pillarflow.training.batches import (
     cut,
     random_rotation,
 )
-from mottrack.flow.pillarflow.training.config import ScheduleConfig, TrainConfig
+from mottrack.flow.pillarflow.training.config import (
+    AugmentationConfig,
+    LossConfig,
+    ScheduleConfig,
+    TrainConfig,
+)
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
-from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
+from mottrack.flow.pillarflow.training.losses import bucket_mean
 from mottrack.flow.pillarflow.training.shards import Shards, write_shard
 from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish, network_config
 from mottrack.flow.pillarflow.weights_file import load_weights, widen
@@ -82,6 +87,15 @@ def test_loss_falls_and_weights_can_be_read_back(tmp_path: Path, box_example: Bo
     assert (tmp_path / "run" / "curve.png").stat().st_size > 0
 
 
+def test_a_loss_that_is_not_finite_ends_the_run(tmp_path: Path, box_example: Boxes) -> None:
+    """Otherwise hours would be spent on weights that cannot be read back."""
+    trainer = Trainer(_config(2), ALONE, _made(tmp_path / "run"))
+    with torch.no_grad():
+        next(trainer.network.parameters()).fill_(float("nan"))
+    with pytest.raises(ConfigError, match=r"loss is nan at step 0 .* precision fp32"):
+        trainer.fit([box_example(0)], [box_example(0)], lambda _: None)
+
+
 def test_a_run_begins_from_weights_of_fewer_inputs_with_their_output(
     tmp_path: Path, box_example: Boxes
 ) -> None:
@@ -107,7 +121,7 @@ def test_one_recipe_gives_every_network_the_same_inputs() -> None:
     recipe = yaml.safe_load((CONFIGS / "train_equal.yaml").read_text(encoding="utf-8"))
     for name in ("base", "binary_ogm", "spynet", "flownet"):
         config = network_config(TrainConfig.model_validate(recipe | {"network": name}))
-        assert (config.visibility, config.sight, config.older) == (True, True, 2)
+        assert (config.visibility, config.sight, config.older) == (True, False, 0)
         kept = preset(name).model_dump(exclude=set(recipe["network_settings"]))
         assert config.model_dump(exclude=set(recipe["network_settings"])) == kept
     with pytest.raises(ConfigError, match="network_settings: sigth"):

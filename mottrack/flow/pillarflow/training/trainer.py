@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -94,7 +95,11 @@ class Trainer:
     def fit(
         self, examples: Sequence[Example], held_out: Sequence[Example], report: Report
     ) -> Progress:
-        """Train to the last step; validate, save and report on the way."""
+        """Train to the last step; validate, save and report on the way.
+
+        Raises:
+            ConfigError: the loss is not finite.
+        """
         config = self.config
         sampler = Sampler(
             examples, self.network.config.cell_m, config.crop, config.augmentation, config.seed
@@ -148,6 +153,7 @@ class Trainer:
         with torch.autocast(self.rank.device.type, torch.bfloat16, enabled=half):
             estimate = model(batch.pair)
         loss = multi_scale_loss(estimate, batch.target, config.loss)
+        _require_finite(float(loss.detach()), step, config)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(self.network.parameters(), config.max_gradient_norm)
@@ -167,6 +173,15 @@ class Trainer:
         if step % config.save_every == 0 or last:
             self.save()
         report(self.progress)
+
+
+def _require_finite(loss: float, step: int, config: TrainConfig) -> None:
+    if not math.isfinite(loss):
+        raise ConfigError(
+            f"loss is {loss} at step {step} with learning_rate {config.learning_rate:g}, precision "
+            f"{config.precision}, expected a finite number: lower the rate; bf16 needs a CPU with "
+            "correct bfloat16 convolutions, else precision=fp32"
+        )
 
 
 def network_config(config: TrainConfig) -> NetworkConfig:
@@ -252,11 +267,8 @@ def _write_curve(history: list[dict[str, float]], out: Path) -> None:
     figure = Figure(figsize=(8, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     losses = [point for point in history if "loss" in point]
-    values = [p["loss"] for p in losses]
-    left.plot([p["step"] for p in losses], values, linewidth=0.8)
-    # the likelihood of a sharp covariance makes a loss negative
-    scale = "log" if min(values, default=0.0) > 0.0 else "linear"
-    left.set(xlabel="step", ylabel="training loss", yscale=scale)
+    left.plot([p["step"] for p in losses], [p["loss"] for p in losses], linewidth=0.8)
+    left.set(xlabel="step", ylabel="training loss")  # it may be negative: no logarithm
     checks = [point for point in history if "dynamic_rmse" in point]
     for name in ("dynamic_rmse", "dynamic_median", "static_rmse"):
         right.plot([p["step"] for p in checks], [p[name] for p in checks], ".-", label=name)
