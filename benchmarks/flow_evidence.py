@@ -4,8 +4,8 @@
 
 Components that the raw network claims to move, on recorded drives and scenes of the embedded world,
 with what the refinement measures of each: the mean significance over the past sweeps, the
-logarithm of the mean ratio of costs, the length of the claim in standard deviations, and the
-correction as a share of the claim. The true answer is whether the
+logarithm of the mean ratio of costs, the correction of the claim as a share, and the logarithm of
+the speed. The true answer is whether the
 cells of the component move by more than 0.5 m/s. Each drive has the same weight, and each of three
 choices of past sweeps, since a stream begins with few.
 
@@ -162,7 +162,7 @@ def main() -> None:
             lines.append({"left out": name, "sweeps back": str(back), **judged(part, odds, least)})
     report(lines, options.json)
     everything = fitted([part for parts in found.values() for part in parts])
-    print("\nconstant, significance, ratio, claim, correction:", np.round(everything, 2).tolist())
+    print("\nconstant, significance, ratio, correction, speed:", np.round(everything, 2).tolist())
     print("their spread over the drives left out:", np.round(np.std(weights, axis=0), 2).tolist())
 
 

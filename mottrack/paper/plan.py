@@ -22,7 +22,7 @@ STUDIES = ("flow", "tracking", "tracking_default", "velocity", "velocity_printed
 """Studies that recorded data can serve; the embedded world also serves the ball and runtimes. Two
 of one table, as printed and with the default settings, have the scenes in common."""
 WORLD = "world"
-ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
+ABLATIONS = ("spynet", "flownet", "with_ground", "pwc", "binary_ogm_equal")
 """Variants of Tables I and II that had one recipe; `pwc` is PillarFlow's own network."""
 
 

@@ -32,16 +32,21 @@ def connected_cells(xy_m: Floats, grid: BevGrid, far_m: float) -> tuple[I64, int
     return np.where(inside, labels[rows, cols], -1), count
 
 
-def moving_cells(
-    velocity_mps: F32, usable: Mask, similar_mps: float, similar_share: float
-) -> tuple[I64, int]:
+class Similar(NamedTuple):
+    """Largest step of the velocity inside one component."""
+
+    step_mps: float
+    share: float
+    """The same, as a share of the speed."""
+
+
+def moving_cells(velocity_mps: F32, usable: Mask, similar: Similar) -> tuple[I64, int]:
     """Return (H, W) the component of each usable cell, -1 elsewhere, and their number.
 
-    Cells up to two apart are linked where their velocities differ by at most `similar_mps`, or by
-    `similar_share` of the speed if that is more.
+    Cells up to two apart are linked where their velocities are similar.
     """
     reach = np.full(usable.shape, _MOVING_REACH)
-    return _flood_fill(usable, reach, np.array(velocity_mps), similar_mps, similar_share)
+    return _flood_fill(usable, reach, np.array(velocity_mps), similar.step_mps, similar.share)
 
 
 @compiled
@@ -80,14 +85,6 @@ def _flood_fill(
                         tail += 1
         count += 1
     return labels, count
-
-
-class Similar(NamedTuple):
-    """Largest step of the velocity inside one component."""
-
-    step_mps: float
-    share: float
-    """The same, as a share of the speed."""
 
 
 @compiled

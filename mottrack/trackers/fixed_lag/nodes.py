@@ -14,7 +14,6 @@ from mottrack.core.objects import Objects
 from mottrack.geometry.two_by_two import is_covariance_2x2, root_information_2x2
 from mottrack.trackers.fixed_lag.config import MeasurementConfig, MotionModelConfig
 from mottrack.trackers.fixed_lag.motion import process_noise, transition
-from mottrack.trackers.velocity_source.law import Law
 
 MIN_STEP_S = 1e-3
 """Shorter steps make Q(dt) singular in double precision."""
@@ -184,15 +183,6 @@ class Measurements:
         has = self.has_velocity.copy()
         velocity[rows], spread[rows], has[rows] = mean, covariance, True
         return Measurements(self.position_covariance_m2, velocity, spread, has, self.usable)
-
-    def scaled(self, law: Law) -> Measurements:
-        """Return the same with velocities divided by the gain of their source."""
-        if law.gain == 1.0:
-            return self
-        spread = self.velocity_covariance_m2ps2 / law.gain**2
-        return replace(
-            self, velocity_mps=self.velocity_mps / law.gain, velocity_covariance_m2ps2=spread
-        )
 
     def widened(self, factor: F64) -> Measurements:
         """Return the same with the covariances of velocities multiplied by a factor (M,)."""

@@ -100,7 +100,7 @@ class FixedLagTracker:
         objects, pairs = self._join_fragments(predicted, objects)
         error_model = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
         law = self._test.law(error_model)
-        measurements = measurements_of(objects, self.config.measurement).scaled(law)
+        measurements = measurements_of(objects, self.config.measurement)
         merged = self._find_merged(predicted, pairs, stamp_ns)
         free_rows = np.nonzero(measurements.usable & ~merged.objects)[0]
         matches = self._associate(predicted, merged.tracks, objects, measurements, free_rows)

@@ -61,8 +61,13 @@ class VelocityTest(NoTest):
         self._source = SourceTest(config.velocity_test)
 
     def law(self, model: VelocityErrorModel) -> Law:
-        """Return how the velocities of this step err."""
-        return self._source.law(model, 1.0) if self._source.count else Law.stated(model, 1.0)
+        """Return how the velocities of this step err.
+
+        A line through the window lags where traffic speeds up, so it tells nothing of a gain.
+        """
+        if not self._source.count:
+            return Law.stated(model, 1.0)
+        return self._source.law(model, 1.0)._replace(gain=1.0)
 
     def p_standing(self, slots: I64) -> F64:
         """Return the probability (n,) that each track stands."""

@@ -9,6 +9,9 @@ from mottrack.core.arrays import F64
 from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.trackers.velocity_source.failures import Failures
 
+LEAST_SHARE = 1e-4
+"""Prior share of failures that a source does not have: what never happens is never learned."""
+
 
 class Law(NamedTuple):
     """How the velocities of a step err."""
@@ -25,11 +28,15 @@ class Law(NamedTuple):
 
     @property
     def error_model(self) -> VelocityErrorModel:
-        """The source's model, with the shares that were found."""
+        """The source's model, with the shares that were found.
+
+        One that misses no motion as it is stated is told of those beyond the prior alone.
+        """
         found = self.failures
+        unstated = 0.0 if self.model.misses_motion else LEAST_SHARE
         return replace(
             self.model,
-            p_missed_motion=found.p_missed,
+            p_missed_motion=max(found.p_missed - unstated, 0.0),
             p_missed_slow=found.p_slow,
             p_outlier=found.p_outlier,
         )

@@ -36,10 +36,8 @@ from mottrack.trackers.velocity_source.evidence import (
     no_evidence,
 )
 from mottrack.trackers.velocity_source.failures import Failures
-from mottrack.trackers.velocity_source.law import Law
+from mottrack.trackers.velocity_source.law import LEAST_SHARE, Law
 
-LEAST_SHARE = 1e-4
-"""Prior share of failures that a source does not have: what never happens is never learned."""
 LEAST_OUTLIERS = 5.0
 """Weight of the stated spread of outliers, in outliers: without calibration it is a guess."""
 P_GAIN = 0.1
