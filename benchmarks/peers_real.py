@@ -2,9 +2,10 @@
 
 KITTI's validation sequences with PointRCNN, nuScenes mini with Megvii's and CenterPoint's
 detections and the real times of its key frames. `--data` is a folder with `kitti_tracking` and
-`nuscenes_mini`; `--out` stores every tracker's tracks as scene results, a folder for each set and
-tracker. Figures are nuScenes' official ones (centres within 2 m), settings those of
-`benchmarks/peers`, the same for all sets. Peers need `make peers`.
+`nuscenes_mini`; `--out` stores every tracker's tracks, a folder for each set and tracker: scene
+results, and KITTI's text files or a submission, which `mottrack folds peers` reads. Figures are
+nuScenes' official ones (centres within 2 m), settings those of `benchmarks/peers`, the same for all
+sets. Peers need `make peers`.
 """
 
 from __future__ import annotations
@@ -22,8 +23,11 @@ from _peers import PEERS, run_peer
 from mottrack.core.objects import Objects
 from mottrack.core.result import SceneResult
 from mottrack.core.tables import FrameTable, TrackTable, TruthTable
+from mottrack.datasets.kitti.camera import Camera
 from mottrack.datasets.kitti.dataset import Kitti
+from mottrack.datasets.kitti.results import write_tracks
 from mottrack.datasets.nuscenes.dataset import NuScenes
+from mottrack.datasets.nuscenes.submission import write_submission
 from mottrack.eval.evaluation import score
 from mottrack.eval.kitti.matching import SPLITS
 from mottrack.eval.scores import ScoreConfig
@@ -116,6 +120,17 @@ def tracked(drives: list[Drive], name: str) -> list[SceneResult] | None:
     return results
 
 
+def store(results: list[SceneResult], folder: Path, kitti_root: Path | None) -> None:
+    """Store tracks as scene results, and as KITTI's files (with its folder) or a submission."""
+    for result in results:
+        result.save(folder / f"{result.name}.npz")
+        if kitti_root is not None:
+            camera = Camera.of_file(kitti_root / "training" / "calib" / f"{result.name}.txt")
+            write_tracks(folder / f"{result.name}.txt", result, camera)
+    if kitti_root is None:
+        write_submission(folder / "submission.json", results)
+
+
 def figures(results: list[SceneResult]) -> dict[str, float]:
     """Return the figures of all scenes together."""
     scores = score(results, ScoreConfig())
@@ -142,8 +157,9 @@ def main() -> None:
                 if results is None:
                     continue
                 rows.append({"set": title, "tracker": name} | figures(results))
-                for result in results if options.out else ():
-                    result.save(options.out / title / name / f"{result.name}.npz")
+                if options.out:
+                    camera_root = options.data / "kitti_tracking" if "KITTI" in title else None
+                    store(results, options.out / title / name, camera_root)
     report(rows, options.json)
 
 

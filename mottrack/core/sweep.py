@@ -77,12 +77,15 @@ class Sweep:
 
     def select(self, index: NDArray[Any]) -> Sweep:
         """Return the points that a boolean mask or an integer index picks."""
+        if index.dtype == np.bool_:
+            index = np.flatnonzero(index)
+        offset_ns, ring = self.time_offset_ns, self.ring
         return replace(
             self,
-            xyz_m=self.xyz_m[index],
-            reflectance=self.reflectance[index],
-            time_offset_ns=None if self.time_offset_ns is None else self.time_offset_ns[index],
-            ring=None if self.ring is None else self.ring[index],
+            xyz_m=self.xyz_m.take(index, axis=0),  # several times as fast as by brackets
+            reflectance=self.reflectance.take(index),
+            time_offset_ns=None if offset_ns is None else offset_ns.take(index),
+            ring=None if ring is None else ring.take(index),
         )
 
     @classmethod

@@ -2,7 +2,7 @@
 
     pair = stages.before(past, current)         # ground, alignment, visibility
     raw = ...                                   # any estimator, on pair.previous and pair.current
-    refined = stages.after(raw, pair)           # occlusion mask, verification and refinement
+    refined = stages.after(raw, pair)           # verification and refinement
 
 The raw field and the refined one are both worth reporting: the second is the estimator plus
 geometry.
@@ -18,7 +18,7 @@ from pydantic import Field
 
 from mottrack.compiled import compiled
 from mottrack.config import StrictModel
-from mottrack.core.arrays import F32, F64, I8, I64, Mask
+from mottrack.core.arrays import F32, F64, I8
 from mottrack.core.errors import InputError
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
@@ -34,10 +34,7 @@ from mottrack.flow.sweep_pair import (
     elapsed_seconds,
 )
 from mottrack.lidar.alignment import AlignmentConfig, AlignmentTarget, residual_motion
-from mottrack.lidar.visibility import OCCUPIED, UNSEEN, visibility_raster, with_returns
-
-_NEAR_M = 0.5
-"""Tolerance of the earlier place of a cell: the error of its velocity times the elapsed time."""
+from mottrack.lidar.visibility import visibility_raster, with_returns
 
 
 class AlignmentStage(AlignmentConfig):
@@ -50,9 +47,6 @@ class VisibilityStage(StrictModel):
     """What the previous sweep could see."""
 
     enabled: bool = Field(True, description="compute the visibility rasters")
-    mask_occluded: bool = Field(
-        True, description="no velocity for cells the previous sweep did not see"
-    )
 
 
 class RefineStage(RefineConfig):
@@ -140,47 +134,16 @@ class Stages:
         return with_returns(seen, obstacles.xyz_m, self.grid)
 
     def after(self, field: FlowField, pair: SweepPair) -> FlowField:
-        """Return the field with occluded cells masked, and verified and refined by geometry.
+        """Return the field, verified and refined by geometry.
 
         Raises:
             InputError: the field does not lie on the grid of these stages.
         """
         if field.grid != self.grid:
             raise InputError("grid of field", field.grid, str(self.grid))
-        if self.config.visibility.mask_occluded and pair.previous_seen is not None:
-            field = mask_occluded(field, pair.previous_seen, pair.elapsed_s)
         if self.config.refine.enabled:
             field = refine(field, pair, self.config.refine)
         return field
-
-
-def mask_occluded(field: FlowField, previous_seen: I8, elapsed_s: float) -> FlowField:
-    """Withdraw the velocity of cells (H, W) that the previous sweep could not see.
-
-    What was occluded and has come into view matches nothing; an estimator finds a fast match
-    nevertheless. A vehicle that has driven into an occluded area is recognised by its earlier
-    place, which was occupied: it keeps its velocity.
-    """
-    rows, cols = np.nonzero(field.occupied & (previous_seen == UNSEEN))
-    lost = ~_came_from(field, (rows, cols), previous_seen == OCCUPIED, elapsed_s)
-    velocity_mps, valid = np.array(field.velocity_mps), np.array(field.valid)
-    velocity_mps[rows[lost], cols[lost]] = 0.0
-    valid[rows[lost], cols[lost]] = False
-    return replace(field, velocity_mps=velocity_mps, valid=valid)
-
-
-def _came_from(field: FlowField, cells: tuple[I64, I64], occupied: Mask, elapsed_s: float) -> Mask:
-    """Return (C,) whether cells near the earlier place of each (rows, columns) were occupied."""
-    velocity_mps, grid = field.velocity_mps[cells], field.grid
-    rows, cols, inside = grid.cells(grid.centres_m()[cells] - velocity_mps * elapsed_s)
-    moved = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) * elapsed_s > grid.cell_m
-    reach = int(np.ceil(_NEAR_M / grid.cell_m))
-    near = np.zeros(len(rows), np.bool_)
-    for down, right in np.ndindex(2 * reach + 1, 2 * reach + 1):
-        row = np.clip(rows + down - reach, 0, grid.shape[0] - 1)
-        col = np.clip(cols + right - reach, 0, grid.shape[1] - 1)
-        near |= occupied[row, col]
-    return near & inside & moved
 
 
 def _moved(sweep: Sweep, frame_T_sweep: Pose) -> Sweep:

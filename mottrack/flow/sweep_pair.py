@@ -83,7 +83,8 @@ def obstacle_points(sweep: Sweep, stage: GroundStage) -> tuple[Sweep, F32]:
     kept &= np.maximum(np.abs(x_m), np.abs(y_m)) < stage.find.reach_m
     if stage.enabled:
         kept &= (height_m > stage.min_height_m) & (height_m < stage.max_height_m)
-    return sweep.select(kept), height_m[kept]
+    index = np.flatnonzero(kept)
+    return sweep.select(index), height_m.take(index)
 
 
 class SweepFeatures:

@@ -69,7 +69,7 @@ class AlignmentTarget:
     @cached_property
     def grid(self) -> PointGrid:
         """The thinned points."""
-        thinned_m = self.current_m[first_in_voxel(self.current_m, _VOXEL_M)]
+        thinned_m = self.current_m.take(first_in_voxel(self.current_m, _VOXEL_M), axis=0)
         return build_point_grid(thinned_m, self.config.gate_m / 2)
 
 

@@ -56,7 +56,9 @@ def build_point_grid(xyz_m: F32, cell_m: float, reach_m: float = 60.0) -> PointG
         raise InputError("cell_m, reach_m", (cell_m, reach_m), "positive metres")
     cells = int(np.ceil(2 * reach_m / cell_m))
     order, start = _counting_sort(points, -reach_m, cell_m, cells)
-    return PointGrid(points[order], order, start, -reach_m, -reach_m, cell_m, cells, cells)
+    return PointGrid(
+        points.take(order, axis=0), order, start, -reach_m, -reach_m, cell_m, cells, cells
+    )
 
 
 @compiled

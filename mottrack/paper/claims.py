@@ -9,7 +9,7 @@ from typing import Any, Literal
 from mottrack.eval.paired import MetricKey, PairedDifference
 from mottrack.eval.velocity_error import OTHER
 from mottrack.formats.strict_json import strict
-from mottrack.paper.published import LABELS, NONE, PILLARFLOW, TABLES, Published
+from mottrack.paper.published import EQUAL, LABELS, NONE, PILLARFLOW, TABLES, Published
 
 Verdict = Literal["reproduced", "not reproduced", "reversed", "undecided", "not measured"]
 MEANING: dict[Verdict, str] = {
@@ -59,7 +59,8 @@ class Claim:
     @property
     def favours_pillarflow(self) -> bool:
         """Whether it says that PillarFlow is better; some tables of the paper say the opposite."""
-        return self.subject == PILLARFLOW and self.lower == self.key.lower_is_better
+        ours = self.subject in (PILLARFLOW, EQUAL)
+        return ours and self.lower == self.key.lower_is_better
 
 
 @dataclass(frozen=True)

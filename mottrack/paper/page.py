@@ -178,12 +178,11 @@ def _told(chapter: Chapter) -> Iterator[str]:
 
 
 def missing_rows(request: Request) -> list[str]:
-    """Return, for every row of Table II without weights, the command that trains them."""
-    folder = request.ablation or Path("ablation")
+    """Return, for every network of equal training without weights, the command that trains it."""
     return [
-        f"mottrack train train_{name} --out {folder / name}"
+        f"make train-equal NETWORKS={name}"
         for name in ABLATIONS
-        if name != "pwc" and ablation_weights(name, request.ablation) is None
+        if ablation_weights(name, request.ablation) is None
     ]
 
 

@@ -22,8 +22,8 @@ STUDIES = ("flow", "tracking", "tracking_default", "velocity", "velocity_printed
 """Studies that recorded data can serve; the embedded world also serves the ball and runtimes. Two
 of one table, as printed and with the default settings, have the scenes in common."""
 WORLD = "world"
-ABLATIONS = ("spynet", "flownet", "with_ground", "pwc")
-"""Variants of Table II beside the shipped network."""
+ABLATIONS = ("spynet", "flownet", "with_ground", "pwc", "binary_ogm_equal")
+"""Variants of Tables I and II that had one recipe; `pwc` is PillarFlow's own network."""
 
 
 class RecordedPlan(StrictModel):

@@ -197,8 +197,7 @@ def _claim_row(finding: Finding) -> tuple[Cell, ...]:
 
 def _present(table: Published, result: StudyResult) -> list[str]:
     """Return the rows of the paper, measured or not, and our rows that were measured."""
-    networks = [v for v in ABLATIONS if v not in table.values] if table.number == "II" else []
-    return [*table.values, *(v for v in (*table.extra, *networks) if v in result.sampling.figures)]
+    return [*table.values, *(v for v in table.extra if v in result.sampling.figures)]
 
 
 def _measured(variant: str, column: int, table: Published, sampled: Sampled | None) -> Measured:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mottrack.flow.pillarflow.calibration import Calibration, fit_calibration
 from mottrack.flow.pillarflow.layers import channels_last
-from mottrack.flow.pillarflow.training.batches import CropConfig
+from mottrack.flow.pillarflow.training.config import CropConfig
 from mottrack.flow.pillarflow.training.examples import ExampleBuilder
 from mottrack.flow.pillarflow.training.validation import Scores, cell_errors
 from mottrack.flow.pillarflow.weights_file import load_weights, save_weights

@@ -11,7 +11,8 @@ from mottrack.experiment.experiment import Experiment
 from mottrack.studies.consistency import NIS_XY, Errors, measure
 from mottrack.studies.detector_model import ClassCounts, count
 from mottrack.studies.tuning.recorded import OnScene, RecordedScene, record
-from mottrack.trackers.kalman.config import KalmanConfig, merged
+from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.presets import merged
 from mottrack.trackers.noise_estimation.consistency import Consistency
 from mottrack.trackers.noise_estimation.estimate import (
     ClassEstimate,

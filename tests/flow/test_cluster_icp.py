@@ -10,8 +10,7 @@ import pytest
 from mottrack.core.grid import BevGrid
 from mottrack.core.motion import FlowField
 from mottrack.flow.cluster_icp import ClusterIcpConfig, ClusterIcpFlow
-from mottrack.flow.stages import Stages, StagesConfig, mask_occluded
-from mottrack.lidar.visibility import OCCUPIED, UNSEEN
+from mottrack.flow.stages import Stages, StagesConfig
 
 GRID = BevGrid(cell_m=0.5)
 
@@ -106,23 +105,6 @@ def test_the_claimed_motion_of_a_wall_is_withdrawn(street_pair):
     _, stages, pair = street_pair
     wall = field_with(pair, np.where(GRID.centres_m()[..., 1:] > 13, [3.0, 0.0], 0.0))
     assert np.abs(stages.after(wall, pair).velocity_mps).max() == 0
-
-
-@pytest.mark.parametrize(("speed_mps", "kept"), [(20.0, True), (-20.0, False), (0.0, False)])
-def test_a_vehicle_from_an_occluded_place_keeps_a_velocity_that_fits_its_earlier_place(
-    speed_mps, kept
-):
-    row, col, _ = GRID.cells(np.array([[5.0, 0.0], [3.0, 0.0]]))
-    occupied = np.zeros(GRID.shape, np.bool_)
-    occupied[row[0], col[0]] = True
-    velocity_mps = np.where(occupied[..., None], np.float32([speed_mps, 0.0]), np.float32(0))
-    blank = FlowField.unmeasured(GRID, occupied, 0)
-    claimed = replace(blank, velocity_mps=velocity_mps, valid=occupied)
-    seen_before = np.full(GRID.shape, UNSEEN, np.int8)
-    seen_before[row[1], col[1]] = OCCUPIED
-    left = mask_occluded(claimed, seen_before, 0.1)
-    assert left.valid[row[0], col[0]] == kept
-    assert left.velocity_mps[row[0], col[0], 0] == (speed_mps if kept else 0.0)
 
 
 def test_a_velocity_that_is_a_little_off_is_corrected(street_pair):

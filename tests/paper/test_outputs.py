@@ -95,7 +95,7 @@ def test_everything_is_written_and_consistent(
     assert counts["reproduced"] >= 50
     of_table_two = {claim["verdict"] for claim in listed if "Table II," in claim["source"]}
     assert of_table_two <= {"not measured"}
-    assert "mottrack train train_spynet" in text
+    assert "make train-equal NETWORKS=spynet" in text
     names = {path.name for path in (tmp_path / "tables").iterdir()}
     for table in TABLES:
         for suffix in ("csv", "tex"):

@@ -48,6 +48,7 @@ def test_a_preset_fills_in_what_is_not_given() -> None:
         ({"velocity": {"covariance": (1.0, 2.0, 1.0)}}, "positive definite"),
         ({"smooth": True, "time": "frames"}, "smooth needs"),
         ({"association": {"gate": float("nan")}}, "gate"),
+        ({"second_stage": {"association": {"score_weight": 0.5}}}, "first stage alone"),
         ({"noise": {"classes": {"car": {"observation": (1.0,)}}}}, "observation"),
     ],
 )

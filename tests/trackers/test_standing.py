@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
@@ -88,3 +90,21 @@ def test_switched_off_it_is_the_plain_filter() -> None:
     tracks = followed(KalmanTracker(config), [seen(k, 0.01 * k) for k in range(5)])
     assert tracks[-1].state is not None
     np.testing.assert_array_equal(tracks[-1].velocity_mps, tracks[-1].state[:, 7:9])
+
+
+def test_a_mover_does_not_take_a_parked_car() -> None:
+    """It was seen to move, so what stands where it is expected is likelier another object."""
+    calibrated = VelocityErrorModel(p_missed_motion=0.01)
+    moving = replace(at_rest(0.3), mean_mps=np.array([[8.0, 0.0]]), error_model=calibrated)
+    way = [seen(5 * k, 4.0 * k, moving) for k in range(6)]
+    beside = replace(seen(30, 22.5), velocity=replace(at_rest(0.2), error_model=calibrated))
+    taken = {}
+    for share in (0.0, KalmanTracker.Config().association.new_at_rest):
+        tracker = KalmanTracker(KalmanTracker.Config(association={"new_at_rest": share}))
+        before = followed(tracker, way)[-1]
+        after = tracker.step(beside.stamp_ns, beside)
+        new = after.id[after.observed] != before.id
+        taken[share] = not new.any()
+        if new.any():
+            np.testing.assert_allclose(after.velocity_mps[after.observed], 0.0, atol=0.1)
+    assert list(taken.values()) == [True, False]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mottrack.compiled import compiled
@@ -10,6 +12,9 @@ from mottrack.core.grid import BevGrid
 
 _MOVING_REACH = 2
 """Moving cells are linked across one empty cell: a surface seen at an angle has gaps."""
+_FRAGMENT_REACH = 4
+"""A fragment belongs to what moves alike up to so many cells away: the windows of a car are a gap
+of 1.5 m."""
 
 
 def connected_cells(xy_m: Floats, grid: BevGrid, far_m: float) -> tuple[I64, int]:
@@ -27,16 +32,21 @@ def connected_cells(xy_m: Floats, grid: BevGrid, far_m: float) -> tuple[I64, int
     return np.where(inside, labels[rows, cols], -1), count
 
 
-def moving_cells(
-    velocity_mps: F32, usable: Mask, similar_mps: float, similar_share: float
-) -> tuple[I64, int]:
+class Similar(NamedTuple):
+    """Largest step of the velocity inside one component."""
+
+    step_mps: float
+    share: float
+    """The same, as a share of the speed."""
+
+
+def moving_cells(velocity_mps: F32, usable: Mask, similar: Similar) -> tuple[I64, int]:
     """Return (H, W) the component of each usable cell, -1 elsewhere, and their number.
 
-    Cells up to two apart are linked where their velocities differ by at most `similar_mps`, or by
-    `similar_share` of the speed if that is more.
+    Cells up to two apart are linked where their velocities are similar.
     """
     reach = np.full(usable.shape, _MOVING_REACH)
-    return _flood_fill(usable, reach, np.array(velocity_mps), similar_mps, similar_share)
+    return _flood_fill(usable, reach, np.array(velocity_mps), similar.step_mps, similar.share)
 
 
 @compiled
@@ -75,6 +85,42 @@ def _flood_fill(
                         tail += 1
         count += 1
     return labels, count
+
+
+@compiled
+def owners_of_fragments(cells: I64, velocity_mps: F64, fragment: Mask, similar: Similar) -> I64:
+    """Return (K,) the component that each belongs to: itself, and of a fragment its neighbour.
+
+    The neighbour is the nearest component that is none and moves alike.
+
+    Args:
+        cells: (H, W) component of each cell, -1 for none.
+        velocity_mps: (K, 2) of each component.
+        fragment: (K,) components that are fragments.
+        similar: how alike.
+    """
+    owner = np.arange(len(fragment))
+    nearest = np.full(len(fragment), np.int64(2 * _FRAGMENT_REACH**2 + 1))
+    height, width = cells.shape
+    k = _FRAGMENT_REACH
+    for row in range(height):
+        for col in range(width):
+            own = cells[row, col]
+            if own < 0 or not fragment[own]:
+                continue
+            for r in range(max(row - k, 0), min(row + k + 1, height)):
+                for c in range(max(col - k, 0), min(col + k + 1, width)):
+                    other = cells[r, c]
+                    squared = (r - row) ** 2 + (c - col) ** 2
+                    if other < 0 or fragment[other] or squared >= nearest[own]:
+                        continue
+                    vx, vy = velocity_mps[other, 0], velocity_mps[other, 1]
+                    dx, dy = velocity_mps[own, 0] - vx, velocity_mps[own, 1] - vy
+                    speed = np.sqrt(vx * vx + vy * vy)
+                    allowed = max(similar.step_mps, similar.share * speed)
+                    if dx * dx + dy * dy <= allowed * allowed:
+                        owner[own], nearest[own] = other, squared
+    return owner
 
 
 @compiled

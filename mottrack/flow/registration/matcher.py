@@ -138,9 +138,8 @@ class CurrentPoints:
         self.half_m = _half_width(pair)
         self.raster = BevGrid(-self.half_m, self.half_m, -self.half_m, self.half_m, config.cell_m)
         self.features = pair.current_features
-        self.points_m = pair.current.xyz_m[self.features.thinned(config.voxel_m)]
-        self.scale = np.array([1.0, 1.0, config.z_scale], np.float32)
-        self._scaled_m = self.points_m * self.scale
+        self.points_m = pair.current.xyz_m.take(self.features.thinned(config.voxel_m), axis=0)
+        self._scaled_m = _scaled(self.points_m, config.z_scale)
         self.grid = build_point_grid(self._scaled_m, config.truncation_m / 2, self.half_m)
         self.rows, self.columns, _ = self.raster.cells(self.points_m)
 
@@ -155,9 +154,9 @@ class CurrentPoints:
     def scene(self, past: PastSweep, footprint: I64) -> MatchScene:
         """Return the current sweep with one of the past."""
         config, half_m = self.config, self.half_m
-        previous_m = past.obstacles.xyz_m[past.features.thinned(config.voxel_m)]
+        previous_m = past.obstacles.xyz_m.take(past.features.thinned(config.voxel_m), axis=0)
         return MatchScene(
-            build_point_grid(previous_m * self.scale, config.truncation_m / 2, half_m),
+            build_point_grid(_scaled(previous_m, config.z_scale), config.truncation_m / 2, half_m),
             self.grid,
             queried_from(past.features.image, past.sweep_T_current),
             self.features.image,
@@ -262,13 +261,25 @@ class Matcher:
         return Starts(shifts[:, ::-1] * np.float64(cell_m), first)
 
 
+def _scaled(points_m: F32, z_scale: float) -> F32:
+    """Return the points (N, 3) with scaled heights."""
+    scaled = points_m.copy()
+    scaled[:, 2] *= np.float32(z_scale)
+    return scaled
+
+
+def _farthest_m(points_m: F32) -> float:
+    """Return the largest coordinate in the plane of points (N, 3), at least 1 m."""
+    return max(float(np.abs(points_m[:, k]).max(initial=1.0)) for k in (0, 1))
+
+
 def _half_width(pair: SweepPair) -> float:
     """Return the half width of a square, a whole number of metres, that holds every sweep.
 
     What of a past sweep lies twice as far as the current one reaches, as after a long gap, is
     compared with nothing: it is left out, so that memory does not grow with the gap.
     """
-    now_m = float(np.abs(pair.current.xyz_m[:, :2]).max(initial=1.0))
-    then_m = max(float(np.abs(past.obstacles.xyz_m[:, :2]).max(initial=1.0)) for past in pair.past)
+    now_m = _farthest_m(pair.current.xyz_m)
+    then_m = max(_farthest_m(past.obstacles.xyz_m) for past in pair.past)
     largest_m = max(now_m, min(then_m, 2.0 * max(now_m, pair.reach_m)))
     return float(np.ceil(largest_m + 0.5))  # the outermost cell is inside

@@ -19,7 +19,7 @@ from mottrack.core.motion import MOVING_MPS, FlowField
 from mottrack.core.pose import rotation_2d
 from mottrack.core.sweep import Sweep, seconds_between
 from mottrack.flow.pillarflow.training.examples import LabelledPair, Labels
-from mottrack.flow.registration.components import moving_cells
+from mottrack.flow.registration.components import Similar, moving_cells
 from mottrack.pipeline.mirrored import mirrored_sweep
 from mottrack.studies.adaptation.stretches import earlier_sweep
 
@@ -35,7 +35,7 @@ _VOTES = 3
 _TOLERANCE_MPS, _TOLERANCE_SHARE = 0.4, 0.15
 """Estimates this near agree: the noise of a registration over 0.1 s, and an acceleration of 3 m/s²
 over the difference of the baselines at 6 m/s."""
-_SIMILAR_MPS, _SIMILAR_SHARE = 1.0, 0.35
+_SIMILAR = Similar(1.0, 0.35)
 """Velocity step inside one object, as in the refinement."""
 
 
@@ -155,7 +155,7 @@ def _labels(previous: Sweep, current: Sweep, cells: CellLabels) -> Labels:
 
     Training masks the cells of such an object.
     """
-    objects, count = moving_cells(cells.velocity_mps, cells.moving, _SIMILAR_MPS, _SIMILAR_SHARE)
+    objects, count = moving_cells(cells.velocity_mps, cells.moving, _SIMILAR)
     object_of = np.where(cells.labelled, objects, count)
     rows, cols, inside = LABEL_GRID.cells(current.xyz_m)
     current_object = np.where(inside, object_of[rows, cols], count).astype(np.int16)

@@ -8,10 +8,16 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mottrack.core.arrays import F64, I64
-from mottrack.geometry.two_by_two import determinant_2x2, inverse_2x2, quadratic_2x2
+from mottrack.geometry.two_by_two import (
+    determinant_2x2,
+    inverse_2x2,
+    mahalanobis_2x2,
+    quadratic_2x2,
+)
 from mottrack.trackers.association import candidate_pairs
 from mottrack.trackers.fixed_lag.config import FixedLagAssociationConfig
 from mottrack.trackers.fixed_lag.engine import Estimate
+from mottrack.trackers.fixed_lag.nodes import Measurements
 
 REFERENCE_STEP_S = 0.25
 """Longest step at which `gate_m` and `clutter_density_per_m2` hold for tracks of unknown velocity.
@@ -148,3 +154,14 @@ def _nearest(pairs: Matches) -> I64:
     asked = order[np.sort(first)]
     _, first = np.unique(pairs.track[asked], return_index=True)
     return asked[np.sort(first)]
+
+
+def velocity_innovation(estimate: Estimate, matches: Matches, measurements: Measurements) -> F64:
+    """Return the normalised innovation (P,) of the velocity; 0 where none was measured."""
+    seen = measurements.has_velocity[matches.object]
+    rows, tracks = matches.object[seen], matches.track[seen]
+    off = measurements.velocity_mps[rows] - estimate.mean[tracks, 2:4]
+    spread = estimate.covariance[tracks, 2:4, 2:4] + measurements.velocity_covariance_m2ps2[rows]
+    distance = np.zeros(len(seen))
+    distance[seen] = mahalanobis_2x2(off, spread)
+    return distance

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
+from mottrack.trackers.velocity_source.config import VelocityTestConfig
 
 
 class MotionModelConfig(StrictModel):
@@ -112,6 +113,7 @@ class FixedLagConfig(StrictModel):
     robust: RobustConfig = Field(default_factory=RobustConfig)
     missed_motion: MissedMotionConfig = Field(default_factory=MissedMotionConfig)
     measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
+    velocity_test: VelocityTestConfig = Field(default_factory=VelocityTestConfig)
     association: FixedLagAssociationConfig = Field(default_factory=FixedLagAssociationConfig)
     track_management: FixedLagManagementConfig = Field(default_factory=FixedLagManagementConfig)
     merge_split: MergeSplitConfig = Field(default_factory=MergeSplitConfig)

@@ -17,6 +17,8 @@ wrong in another way do not last; the robust loss deals with them.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from mottrack.core.arrays import F64, Mask
@@ -29,6 +31,7 @@ from mottrack.geometry.two_by_two import (
 )
 from mottrack.trackers.fixed_lag.config import MissedMotionConfig
 from mottrack.trackers.fixed_lag.engine import History
+from mottrack.trackers.velocity_source.failures import SMALLEST
 
 _REJECTED = 1e-4
 """Weight of a rejected velocity: nearly zero, since errors that last do not average out."""
@@ -36,6 +39,17 @@ _UNKNOWN_M2PS2 = 1e6
 """Variance of the velocity of a track with one node: far above any speed, yet invertible."""
 _SHORTEST_S = 1e-3
 """Lower bound of a window's length, so that a single node is no division by zero."""
+
+
+class Motion(NamedTuple):
+    """Velocities of N tracks as their positions alone tell them."""
+
+    velocity_mps: F64
+    """(N, 2) of tracks that move."""
+    covariance_m2ps2: F64
+    """(N, 2, 2)"""
+    p_standing: F64
+    """(N,) probability that they stand."""
 
 
 class MissedMotionTest:
@@ -67,6 +81,21 @@ class MissedMotionTest:
         missed = np.log(p_missed) + moves + at_rest
         odds = missed - np.logaddexp(static, seen + moves)
         return np.where(history.has_velocity, odds, -np.inf)
+
+    def motion(self, history: History) -> Motion:
+        """Return what the positions (N, D) tell of each track's velocity."""
+        config = self._config
+        (mean_mps, spread), prior = (
+            self._displacement(history),
+            config.speed_sigma_mps**2 * np.eye(2),
+        )
+        mean_mps, spread = mean_mps[:, 0], spread[:, 0]
+        information = inverse_2x2(spread)
+        posterior = inverse_2x2(information + np.eye(2) / config.speed_sigma_mps**2)
+        moved = np.einsum("nij,njk,nk->ni", posterior, information, mean_mps)
+        stands = config.p_static * density_2x2(mean_mps, spread)
+        moves = (1.0 - config.p_static) * density_2x2(mean_mps, spread + prior)
+        return Motion(moved, posterior, stands / np.maximum(stands + moves, SMALLEST))
 
     def _displacement(self, history: History) -> tuple[F64, F64]:
         """Return velocity (N, 1, 2) and covariance (N, 1, 2, 2) of the straight line."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -183,6 +183,11 @@ class Measurements:
         has = self.has_velocity.copy()
         velocity[rows], spread[rows], has[rows] = mean, covariance, True
         return Measurements(self.position_covariance_m2, velocity, spread, has, self.usable)
+
+    def widened(self, factor: F64) -> Measurements:
+        """Return the same with the covariances of velocities multiplied by a factor (M,)."""
+        spread = factor[:, None, None] * self.velocity_covariance_m2ps2
+        return replace(self, velocity_covariance_m2ps2=spread)
 
 
 def measurements_of(objects: Objects, config: MeasurementConfig) -> Measurements:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.core.errors import ConfigError, InputError
+from mottrack.core.concerns import Concern
+from mottrack.core.errors import InputError
 from mottrack.core.objects import Objects, Tracks
 from mottrack.core.sweep import SECOND_NS, seconds_between
 from mottrack.core.velocity_errors import NO_OUTLIERS
-from mottrack.geometry.two_by_two import mahalanobis_2x2
 from mottrack.trackers.fixed_lag import merge_split
 from mottrack.trackers.fixed_lag.association import (
     REFERENCE_STEP_S,
@@ -19,15 +19,18 @@ from mottrack.trackers.fixed_lag.association import (
     PredictedTracks,
     SeenObjects,
     associate_clusters,
+    velocity_innovation,
 )
 from mottrack.trackers.fixed_lag.config import FixedLagConfig
-from mottrack.trackers.fixed_lag.engine import Engine, Estimate, SmoothedWindow
+from mottrack.trackers.fixed_lag.engine import Estimate, SmoothedWindow
+from mottrack.trackers.fixed_lag.engine_choice import make_engine
 from mottrack.trackers.fixed_lag.merge_split import Group, HullList, Overlaps
 from mottrack.trackers.fixed_lag.nodes import Measurements, NodeBatch, measurements_of
-from mottrack.trackers.fixed_lag.numpy_engine import NumpyEngine
 from mottrack.trackers.fixed_lag.robust import RobustWeights
 from mottrack.trackers.fixed_lag.track_slots import TrackSlots
+from mottrack.trackers.fixed_lag.velocity_test import Judged, make_test
 from mottrack.trackers.step_input import checked_stamp, is_gap
+from mottrack.trackers.velocity_source.law import Law
 
 
 class _Predicted(NamedTuple):
@@ -70,6 +73,7 @@ class FixedLagTracker:
         self.config = config or FixedLagConfig()
         self._engine = make_engine(self.config)
         self._robust = RobustWeights(self.config.robust, self.config.missed_motion)
+        self._test = make_test(self.config, self._engine)
         self._tracks = TrackSlots()
         self._stamp_ns: int | None = None
         self._step_s = 0.0
@@ -94,22 +98,30 @@ class FixedLagTracker:
         self._stamp_ns = stamp_ns
         predicted = self._predict(stamp_ns)
         objects, pairs = self._join_fragments(predicted, objects)
+        error_model = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
+        law = self._test.law(error_model)
         measurements = measurements_of(objects, self.config.measurement)
         merged = self._find_merged(predicted, pairs, stamp_ns)
         free_rows = np.nonzero(measurements.usable & ~merged.objects)[0]
         matches = self._associate(predicted, merged.tracks, objects, measurements, free_rows)
         born = np.setdiff1d(free_rows, matches.object)
         parents = merge_split.parents(pairs, born, self.config.merge_split.min_overlap)
-        measurements = self._propagate_velocity(predicted, parents, measurements)
+        measured = measurements
+        weighed = self._weighed(predicted, matches, measurements, law)
+        measurements = self._propagate_velocity(predicted, parents, weighed)
         lost = ~merged.tracks
         lost[matches.track] = False
         reassigned = self._reassign(predicted, lost, pairs, parents)
         assigned = _Assigned(matches, born, reassigned)
-        seen = self._add_nodes(predicted, objects, assigned, measurements)
-        error_model = NO_OUTLIERS if objects.velocity is None else objects.velocity.error_model
-        self._robust.refine(self._engine, seen, error_model)
+        seen, rows = self._add_nodes(predicted, objects, assigned, measurements)
+        self._test.learn(Judged(seen, rows, measured), law, self._step_s)
+        self._robust.refine(self._engine, seen, law.error_model)
         self._delete_unseen(stamp_ns)
         return self._published(stamp_ns, seen)
+
+    def velocity_concern(self) -> Concern | None:
+        """Return a warning if the measured velocities were given little weight so far."""
+        return self._test.concern()
 
     def smoothed(self, track_id: int, covariance: bool = False) -> SmoothedWindow:
         """Return all states of a live track's window, given all measurements so far.
@@ -223,8 +235,8 @@ class FixedLagTracker:
         objects: Objects,
         assigned: _Assigned,
         measurements: Measurements,
-    ) -> I64:
-        """Add one state for every match and birth; return the slots of those that were usable."""
+    ) -> tuple[I64, I64]:
+        """Add one state for every match and birth; return slots and objects that were usable."""
         matches, reassigned = assigned.matches, assigned.reassigned
         new = np.setdiff1d(assigned.born, list(reassigned))
         rows = np.concatenate([matches.object, new, np.array(list(reassigned), np.int64)])
@@ -238,7 +250,7 @@ class FixedLagTracker:
         birth = np.arange(len(rows)) >= len(matches.object)
         innovation = np.zeros((len(rows), 2))
         innovation[~birth, 0] = matches.distance
-        velocity_distance = _velocity_innovation(predicted.estimate, matches, measurements)
+        velocity_distance = velocity_innovation(predicted.estimate, matches, measurements)
         innovation[~birth, 1] = np.maximum(velocity_distance, matches.outlier_distance)
         batch = NodeBatch(
             stamp_ns=objects.stamp_ns,
@@ -259,7 +271,16 @@ class FixedLagTracker:
         self._tracks.record(slots[used], objects, rows[used])
         measured = measurements.has_velocity[rows] | ~birth
         self._tracks["velocity_known"][slots[used]] |= measured[used]
-        return slots[used]
+        return slots[used], rows[used]
+
+    def _weighed(
+        self, predicted: _Predicted, matches: Matches, measurements: Measurements, law: Law
+    ) -> Measurements:
+        """Return velocities as wide as they err: more or less of what is likely to stand."""
+        p_standing = np.full(len(measurements.usable), self.config.missed_motion.p_static)
+        slots = predicted.slots[matches.track]
+        p_standing[matches.object] = self._test.p_standing(slots)
+        return measurements.widened(law.factor(p_standing))
 
     def _propagate_velocity(
         self, predicted: _Predicted, parents: dict[int, int], measurements: Measurements
@@ -334,32 +355,3 @@ class FixedLagTracker:
             observed=observed,
             hull=None if hulls is None else hulls.polygons(),
         )
-
-
-def _velocity_innovation(estimate: Estimate, matches: Matches, measurements: Measurements) -> F64:
-    """Return the normalised innovation (P,) of the velocity; 0 where none was measured."""
-    seen = measurements.has_velocity[matches.object]
-    rows, tracks = matches.object[seen], matches.track[seen]
-    off = measurements.velocity_mps[rows] - estimate.mean[tracks, 2:4]
-    spread = estimate.covariance[tracks, 2:4, 2:4] + measurements.velocity_covariance_m2ps2[rows]
-    distance = np.zeros(len(seen))
-    distance[seen] = mahalanobis_2x2(off, spread)
-    return distance
-
-
-def make_engine(config: FixedLagConfig) -> Engine:
-    """Return the engine that a configuration names.
-
-    Raises:
-        ConfigError: GTSAM is asked for where it is not installed (there is none for Windows).
-    """
-    lag_ns = round(config.lag_s * SECOND_NS)
-    if config.engine == "numpy":
-        return NumpyEngine(config.motion, lag_ns)
-    try:
-        from mottrack.trackers.fixed_lag.gtsam_engine import GtsamEngine
-    except ImportError as missing:
-        raise ConfigError(
-            f"engine 'gtsam': {missing}; install gtsam or use engine=numpy"
-        ) from missing
-    return GtsamEngine(config.motion, lag_ns, config.separate_factors)

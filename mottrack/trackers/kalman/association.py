@@ -19,7 +19,7 @@ from mottrack.trackers.association import (
 from mottrack.trackers.kalman.config import AssociationConfig, KalmanConfig
 from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.pair_terms import Compared, Expected, Observed, pair_terms
-from mottrack.trackers.kalman.standing import Failures
+from mottrack.trackers.velocity_source.failures import Failures
 
 Pairs = tuple[I64, I64]
 
@@ -42,6 +42,12 @@ class Predicted:
     """(N, 5) variances of z, yaw, l, w, h."""
     label: I64
     """(N,) index of the class."""
+    place: F64
+    """(N, 2) where the track would stand (`standing`)."""
+    spread: F64
+    """(N, 2, 2) covariance of that place."""
+    p_standing: F64
+    """(N,) probability that it stands."""
     failures: Failures
     """How measured velocities err."""
 
@@ -119,7 +125,7 @@ def _mahalanobis_cost(
     a velocity was measured (d_x, d_y) given (x, y). The cost is the distance, or, where the clutter
     density is known, -2 ln p(x, y | track): a track with a wide covariance does not take what a
     certain one explains better, and a pair less likely than clutter is refused. Of several
-    detections near a track, the evidence of their scores counts with `score_weight`: a duplicate or
+    detections near a track, the evidence of their scores counts (`score_evidence`): a duplicate or
     a false alarm beside an object does not take its track. The gate goes by position alone.
     """
     first, end = COMPARED[config.components]
@@ -131,7 +137,7 @@ def _mahalanobis_cost(
     if config.clutter_density_per_m2 is None:
         return distance, distance
     allowed = np.where(nll > seen.nll_gate[pairs[0]], np.inf, distance)
-    return allowed, nll - 2.0 * config.score_weight * seen.evidence[pairs[0]]
+    return allowed, nll - 2.0 * seen.evidence[pairs[0]]
 
 
 def _velocity_limit(config: AssociationConfig) -> float:

@@ -8,7 +8,9 @@ from pydantic import Field, model_validator
 
 from mottrack.config import StrictModel
 from mottrack.core.velocity_errors import PROBABILITIES
+from mottrack.trackers.kalman.presets import PRESETS, merged
 from mottrack.trackers.kalman.track_management import TrackManagementConfig
+from mottrack.trackers.velocity_source.config import VelocityTestConfig
 
 Variance = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
@@ -46,23 +48,6 @@ class NoiseConfig(StrictModel):
     )
     classes: dict[str, ClassNoise] = Field(
         default_factory=dict, description="noise by class, in place of the table's"
-    )
-
-
-class VelocityTestConfig(StrictModel):
-    """The estimate of how the source errs, from the positions of tracks (`velocity_test`)."""
-
-    use: bool = Field(
-        True, description="weigh velocities by how they agree with the positions of the tracks"
-    )
-    prior_velocities: float = Field(
-        30.0, gt=0, description="weight of a calibrated source's error model, in velocities"
-    )
-    uncalibrated_velocities: float = Field(
-        10.0, gt=0, description="weight of the stated covariance of a source that has none"
-    )
-    memory_s: float = Field(
-        60.0, gt=0, description="time after which a velocity counts e times less"
     )
 
 
@@ -203,7 +188,19 @@ class AssociationConfig(StrictModel):
     score_weight: float = Field(
         0.0, ge=0, description="of the score's log-odds in the likelihood of a pair"
     )
+    estimate_score_weight: bool = Field(
+        False, description="estimate that weight by class while tracking; the setting is its prior"
+    )
+    score_prior_detections: float = Field(
+        20.0, gt=0, description="weight of the prior, in detections that no track took"
+    )
     velocity: bool = Field(True, description="Mahalanobis compares measured velocities as well")
+    new_at_rest: float = Field(
+        0.15,
+        ge=0,
+        lt=1,
+        description="share of detections without a track whose velocity is that of rest",
+    )
     velocity_limit: float | None = Field(
         None, gt=0, description="a velocity adds at most this many sigma: flow has gross errors"
     )
@@ -225,6 +222,13 @@ class SecondStageConfig(StrictModel):
     enabled: bool = Field(False, description="match weak detections to tracks left over")
     score: float = Field(0.3, description="detections below it wait for the second stage")
     association: AssociationConfig = Field(default_factory=AssociationConfig)
+
+    @model_validator(mode="after")
+    def _check_scores(self) -> Self:
+        for name in ("score_weight", "estimate_score_weight"):
+            if getattr(self.association, name):
+                raise ValueError(f"association.{name} is a setting of the first stage alone")
+        return self
 
 
 class OfflineConfig(StrictModel):
@@ -294,66 +298,3 @@ class KalmanConfig(StrictModel):
         if preset not in PRESETS:
             raise ValueError(f"preset is {preset!r}, expected one of {', '.join(PRESETS)}")
         return merged(PRESETS[preset], given)
-
-
-def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return the nested mapping `base` with `changes` on top of it."""
-    result = dict(base)
-    for key, value in changes.items():
-        if isinstance(value, StrictModel):
-            value = value.model_dump(exclude_unset=True)
-        old = result.get(key)
-        both = isinstance(old, dict) and isinstance(value, dict)
-        result[key] = merged(old, value) if both else value  # type: ignore[arg-type]
-    return result
-
-
-# settings of the released StanfordIPRL-TRI tracker (Chiu et al., 2020)
-_PUBLISHED: dict[str, Any] = {
-    "time": "frames",
-    "yaw": "published",
-    "drop_unknown": True,
-    "noise": {"table": "chiu2020-megvii", "form": "diagonal"},
-    "velocity": {"use": False, "test": {"use": False}},
-    "standing": {"use": False},
-    "association": {"gate": 11.0, "float32": True},
-    "nms": {"enabled": False},
-    "track_management": {
-        "min_hits": 3,
-        "max_misses": 1,
-        "output_misses": 1,
-        "undetected_classes": "freeze",
-        "score": "last",
-    },
-}
-
-PRESETS: dict[str, dict[str, Any]] = {
-    "default": {
-        "association": {
-            "components": "xy",
-            "gate": 5.0,
-            # 20 new road users of a class on 100 m x 100 m: a prior that five frames replace
-            "clutter_density_per_m2": 0.002,
-            "estimate_clutter": True,
-        },
-        "nms": {"enabled": True},
-        "track_management": {"rule": "existence", "max_misses": 5, "max_coast_s": 6.0},
-    },
-    "stanford_iprl_tri": _PUBLISHED,
-    # the 9-D observation with blockdiag(R, R_d) of section IV-D and nothing else: every velocity
-    # that was measured is believed as far as R_d says
-    "pillarflow": _PUBLISHED
-    | {
-        "velocity": {
-            "use": True,
-            "test": {"use": False},
-            "birth": "replace",
-            "noise": "class",
-            "relative": 0.0,
-            "p_missed_motion": 0.0,
-            "p_missed_slow": 0.0,
-            "p_outlier": 0.0,
-            "persistence": 0.0,
-        }
-    },
-}

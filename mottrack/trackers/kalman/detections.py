@@ -23,10 +23,7 @@ from mottrack.trackers.kalman.noise import (
 from mottrack.trackers.kalman.observations import Observation, SeenBoxes
 from mottrack.trackers.kalman.standing import velocity_likelihoods
 from mottrack.trackers.kalman.state import YAW
-from mottrack.trackers.kalman.velocity_law import Law
-
-LEAST_DOUBT = 1e-3
-"""Probabilities nearer to 0 and 1 count as this near: no detector errs so seldom."""
+from mottrack.trackers.velocity_source.law import Law
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,15 +41,17 @@ class Detections:
     velocity_covariance: F64
     """(N, 2, 2) R_d."""
     likelihood_at_rest: F64
-    """(N,) density of the velocity of an object at rest, N(v; 0, R_d)."""
+    """(N,) density of the velocity of a missed motion, N(v; 0, R_d)."""
     outlier_likelihood: F64
-    """(N,) density of the velocity as an outlier, with its probability (`standing`)."""
+    """(N,) density of the velocity as a mover's outlier, with its probability (`standing`)."""
+    standing_likelihood: F64
+    """(N,) density of the velocity of an object that stands, outliers included."""
     clutter_likelihood: F64
     """(N,) density of the velocity of an object without a track, failures included."""
     nll_gate: F64
     """(N,) -2 ln lambda: a pair with a higher -2 ln likelihood is likelier clutter (`clutter`)."""
     evidence: F64
-    """(N,) what the score says for a true detection, as log-odds (`ScoreEvidence`)."""
+    """(N,) what the score says for a track's object, as log-odds (`score_evidence`)."""
     has_velocity: Mask
     """(N,) whether the velocity was measured."""
     label: I64
@@ -103,13 +102,14 @@ def observations_of(
     measured = _velocities(objects, rows, config, law.model.relative)
     per_unit = law.unit_s / law.gain
     velocity, covariance = measured.mean * per_unit, measured.covariance * law.scale * per_unit**2
-    likelihood = np.zeros((3, len(rows)))
+    likelihood = np.zeros((4, len(rows)))
     if measured.valid.any():
         unexpected, seen = (
             initial_velocity_covariance(noise, yaw),
             Observation(velocity, covariance),
         )
-        likelihood = velocity_likelihoods(seen, unexpected, law.failures)
+        at_rest = config.association.new_at_rest if config.standing.use else 0.0
+        likelihood = velocity_likelihoods(seen, unexpected, at_rest, law.failures)
     return Detections(
         box=box,
         xy_covariance=position_covariance(noise, yaw),
@@ -118,7 +118,8 @@ def observations_of(
         velocity_covariance=covariance,
         likelihood_at_rest=likelihood[0],
         outlier_likelihood=likelihood[1],
-        clutter_likelihood=likelihood[2],
+        standing_likelihood=likelihood[2],
+        clutter_likelihood=likelihood[3],
         nll_gate=np.full(len(rows), np.inf),
         evidence=np.zeros(len(rows)),
         has_velocity=measured.valid,
@@ -177,27 +178,6 @@ def non_maximum_suppression(boxes: F64, score: F64, group: I64, iou: float) -> I
     better, worse = candidate_pairs(ranked[:, :2], ranked[:, :2], reach, (group[order],) * 2)
     later = better < worse
     return np.sort(order[uncovered(ranked, (better[later], worse[later]), iou)])
-
-
-class ScoreEvidence:
-    """Log-odds of scores: of a probability its own, of another score the score itself.
-
-    Scores of a logistic output are log-odds up to an offset and a factor. That scores are no
-    probabilities is known from the first one outside of [0, 1] on.
-    """
-
-    def __init__(self) -> None:
-        self._are_probabilities = True
-
-    def of(self, score: F64) -> F64:
-        """Return the evidence (N,) of the scores of a step."""
-        inside = (score >= 0.0) & (score <= 1.0)
-        self._are_probabilities &= bool(inside.all())
-        if not self._are_probabilities:
-            return score
-        likely = np.minimum(np.maximum(score, LEAST_DOUBT), 1.0 - LEAST_DOUBT)
-        found: F64 = np.log(likely / (1.0 - likely))
-        return found
 
 
 def error_model_of(objects: Objects, config: KalmanConfig) -> VelocityErrorModel:

@@ -18,8 +18,13 @@ from mottrack.geometry.two_by_two import (
     row_times_inverse,
     sum_of,
 )
-from mottrack.trackers.kalman.standing import SMALLEST, Failures, missed_share
 from mottrack.trackers.kalman.state import YAW
+from mottrack.trackers.velocity_source.failures import (
+    SMALLEST,
+    Failures,
+    missed_share,
+    normal_density,
+)
 
 
 class Observed(NamedTuple):
@@ -33,6 +38,7 @@ class Observed(NamedTuple):
     has_velocity: Mask
     likelihood_at_rest: F64
     outlier_likelihood: F64
+    standing_likelihood: F64
     clutter_likelihood: F64
 
 
@@ -42,6 +48,9 @@ class Expected(NamedTuple):
     mean: F64
     xy_velocity_covariance: F64
     z_yaw_size_variance: F64
+    place: F64
+    spread: F64
+    p_standing: F64
 
 
 class Compared(NamedTuple):
@@ -63,9 +72,10 @@ def pair_terms(
     """Return r' S^-1 r and -2 ln p(o_hat | track) + 2 ln p(d | clutter) of each pair, (P,) twice.
 
     S = H P H' + R is taken block by block: (x, y), the other compared numbers of the box, and where
-    a velocity was measured (d_x, d_y) given (x, y). In the likelihood the velocity is correct or a
-    failure of its source (`standing`), so a velocity that only this track explains supports the
-    pair. That the track may stand is left out: the hypothesis would claim what passes a parked car.
+    a velocity was measured (d_x, d_y) given (x, y). In the likelihood the velocity is that of an
+    object that stands, or of a mover correct or a failure of its source (`standing`), so a velocity
+    that only this track explains supports the pair, and a mover does not take a parked car. The
+    position is judged by the filter alone: the place would claim what passes a parked car.
     """
     rows, columns = pairs
     box, mean, failures = seen.box, tracks.mean, compared.failures
@@ -89,11 +99,28 @@ def pair_terms(
             own = block_of(tracks.xy_velocity_covariance, j, 2)
             p_missed = missed_share(failures, mean[j, 7], mean[j, 8], own)
             failed = p_missed * seen.likelihood_at_rest[i] + seen.outlier_likelihood[i]
-            correct = (1.0 - failures.p_outlier - p_missed) * density
-            likelihood = max(correct + failed, SMALLEST)
+            moves = (1.0 - failures.p_outlier - p_missed) * density + failed
+            q = _standing_there(seen, tracks, (i, j), normal_density(x, y, s))
+            likelihood = max(q * seen.standing_likelihood[i] + (1.0 - q) * moves, SMALLEST)
             nll[p] += 2.0 * np.log(seen.clutter_likelihood[i] / likelihood)
             squared[p] += min(added, compared.velocity_limit)
     return squared, nll
+
+
+@compiled
+def _standing_there(seen: Observed, tracks: Expected, pair: tuple[int, int], moves: float) -> float:
+    """Return the probability that the track of a pair stands, if it is at the detection.
+
+    `moves` is the density of the position under the filter.
+    """
+    i, j = pair
+    p = tracks.p_standing[j]
+    if p == 0.0:
+        return 0.0
+    x, y = seen.box[i, 0] - tracks.place[j, 0], seen.box[i, 1] - tracks.place[j, 1]
+    spread = sum_of(block_of(tracks.spread, j, 0), block_of(seen.xy_covariance, i, 0))
+    stands = p * normal_density(x, y, spread)
+    return float(stands / max(stands + (1.0 - p) * moves, SMALLEST))
 
 
 @compiled

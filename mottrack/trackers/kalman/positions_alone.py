@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mottrack.compiled import compiled
-from mottrack.core.arrays import F64, Mask
+from mottrack.core.arrays import F64, I64, Mask
 from mottrack.geometry.two_by_two import block_of
 from mottrack.trackers.kalman.block_bank import Residual, correct_planar, predict_planar
 from mottrack.trackers.kalman.config import KalmanConfig
+from mottrack.trackers.kalman.detections import Detections
 from mottrack.trackers.kalman.observations import Matched, Observation
 from mottrack.trackers.kalman.standing import (
     Hypotheses,
@@ -21,6 +22,21 @@ from mottrack.trackers.kalman.standing import (
     weigh_position,
 )
 from mottrack.trackers.kalman.state import STATE_SIZE
+from mottrack.trackers.velocity_source.evidence import (
+    Known,
+    believed,
+    elapse,
+    fade,
+    judge,
+    settle,
+)
+
+
+class Judged(NamedTuple):
+    """What velocities are added to and judged by, as `velocity_source.evidence` reads it."""
+
+    evidence: F64
+    law: F64
 
 
 class Tracked(NamedTuple):
@@ -33,16 +49,15 @@ class Tracked(NamedTuple):
     standing: Hypotheses
 
 
-class MotionModel(NamedTuple):
-    """How tracks move over a step."""
+class Moved(NamedTuple):
+    """What a step brings to all N tracks."""
 
-    wiener: bool
-    """Process noise of a white acceleration, not of the diagonal alone."""
-    may_stand: bool
-    """Tracks start and stop."""
+    elapsed_s: F64
+    """(N,)"""
+    process: F64
+    """(N, 11) process noise per `unit_s`."""
     unit_s: float
-    """Time unit of the process noise."""
-    rates: Rates
+    """The tracker's unit of time."""
 
 
 class PositionsAlone:
@@ -76,42 +91,34 @@ class PositionsAlone:
         self.filters = mean[mask], planar[mask]
         self._standing.keep(mask)
 
-    def predict(self, elapsed_s: F64, process: F64, unit_s: float) -> None:
-        """Advance over `elapsed_s` (N,), with process noise (N, 11) per `unit_s`."""
-        rates = rates_of(self._config, unit_s)
-        model = MotionModel(self._wiener, self._config.use, unit_s, rates)
-        _predict(self._standing.rows, self.filters, elapsed_s, process, model)
-
-    def observe(self, matched: Matched, position: Observation) -> None:
-        """Correct matched tracks."""
-        _observe(self._standing.rows, matched, position, self.filters, self._config.use)
-
-
-@compiled
-def _predict(
-    rows: Hypotheses,
-    filters: tuple[F64, F64],
-    elapsed_s: F64,
-    process: F64,
-    model: MotionModel,
-) -> None:
-    """Predict, then let tracks start and stop."""
-    for n in range(len(elapsed_s)):
-        predict_planar(filters, n, process, elapsed_s[n] / model.unit_s, model.wiener)
-    if model.may_stand:
-        change(rows, filters, elapsed_s, model.rates)
+    def step(self, moved: Moved, matched: Matched, seen: Detections, judged: Judged) -> int:
+        """Advance all tracks, correct those matched, judge velocities; return how many."""
+        rates = rates_of(self._config, moved.unit_s)
+        return _step(
+            (*self._standing.rows, *self.filters),
+            (moved.elapsed_s, moved.process, *matched),
+            (seen.box, seen.xy_covariance, seen.velocity, seen.velocity_covariance),
+            (seen.has_velocity, *judged),
+            (self._wiener, self._config.use, moved.unit_s, *rates),
+        )
 
 
 @compiled
-def _observe(
-    rows: Hypotheses,
-    matched: Matched,
-    position: Observation,
-    filters: tuple[F64, F64],
-    may_stand: bool,
-) -> None:
-    """Weigh positions of matched tracks, then correct their states by them."""
-    if may_stand:
+def _step(
+    tracks: tuple[F64, F64, F64, F64, F64],
+    step: tuple[F64, F64, I64, I64],
+    seen: tuple[F64, F64, F64, F64],
+    judged: tuple[Mask, F64, F64],
+    model: tuple[bool, bool, float, float, float, float],
+) -> int:
+    """Predict tracks and let them start and stop; weigh positions and velocities, and correct.
+
+    Plain tuples: numba takes a microsecond and more to look at a named one.
+    """
+    rows, filters = Hypotheses(tracks[0], tracks[1], tracks[2]), (tracks[3], tracks[4])
+    matched, position = Matched(step[2], step[3]), Observation(seen[0], seen[1])
+    _predict(rows, filters, (step[0], step[1]), model)
+    if model[1]:
         weigh_position(rows, matched, position, filters)
     mean, work = filters[0], np.empty((4, 8))
     for m in range(len(matched.rows)):
@@ -119,3 +126,48 @@ def _observe(
         x, y = position.value[i, 0] - mean[n, 0], position.value[i, 1] - mean[n, 1]
         residual = Residual(x, y, block_of(position.covariance, i, 0))
         correct_planar(filters, n, 0, residual, work)
+    longest_s = 0.0
+    for n in range(len(step[0])):
+        longest_s = max(longest_s, step[0][n])
+    elapse(judged[1], longest_s, believed(judged[2]))
+    return _judge(rows, filters, matched, (seen[2], seen[3]), judged)
+
+
+@compiled
+def _predict(
+    rows: Hypotheses,
+    filters: tuple[F64, F64],
+    moved: tuple[F64, F64],
+    model: tuple[bool, bool, float, float, float, float],
+) -> None:
+    elapsed_s, process = moved
+    for n in range(len(elapsed_s)):
+        predict_planar(filters, n, process, elapsed_s[n] / model[2], model[0])
+    if model[1]:
+        change(rows, filters, elapsed_s, Rates(model[3], model[4], model[5]))
+
+
+@compiled
+def _judge(
+    rows: Hypotheses,
+    filters: tuple[F64, F64],
+    matched: Matched,
+    velocity: tuple[F64, F64],
+    judged: tuple[Mask, F64, F64],
+) -> int:
+    """Judge the velocities of matched tracks; return how many there were."""
+    has_velocity, evidence, numbers = judged
+    (mean, planar), law, count = filters, believed(numbers), 0
+    for m in range(len(matched.rows)):
+        n, i = matched.rows[m], matched.columns[m]
+        if not has_velocity[i]:
+            continue
+        if count == 0:
+            fade(evidence)
+        count += 1
+        known = Known(mean[n, 7], mean[n, 8], block_of(planar, n, 2), rows.p_standing[n])
+        v = velocity[0][i, 0], velocity[0][i, 1]
+        judge(evidence, v, block_of(velocity[1], i, 0), known, law)
+    if count > 0:
+        settle(evidence, law)
+    return count

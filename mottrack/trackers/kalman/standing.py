@@ -32,12 +32,8 @@ import numpy as np
 
 from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
-from mottrack.core.velocity_errors import VelocityErrorModel
 from mottrack.geometry.two_by_two import (
-    Symmetric,
     block_of,
-    determinant_of,
-    inverse_quadratic_of,
     row_times_inverse,
     scaled,
     sum_of,
@@ -45,39 +41,17 @@ from mottrack.geometry.two_by_two import (
 from mottrack.trackers.kalman.config import StandingConfig
 from mottrack.trackers.kalman.moments import Moments
 from mottrack.trackers.kalman.observations import Matched, Observation
+from mottrack.trackers.velocity_source.failures import (
+    SMALLEST,
+    Failures,
+    isotropic_density,
+    missed_share,
+    normal_density,
+)
 
-SMALLEST = 1e-200
-"""Lower bound of a density: what no hypothesis explains changes no probability."""
 SURE = 0.999
 """A velocity that is correct with this probability is taken for correct: a mixture of two states
 for the rest would cost more time than the test of the source."""
-
-
-class Failures(NamedTuple):
-    """How velocities err, in the tracker's unit of time, as the kernels read it."""
-
-    p_missed: float
-    p_slow: float
-    slow_speed: float
-    p_outlier: float
-    """Of moving objects."""
-    outlier_variance: float
-    p_outlier_standing: float
-    rest_scale: float
-    """Covariance of the velocities of standing objects over that of moving ones."""
-
-    @classmethod
-    def of(cls, model: VelocityErrorModel, unit_s: float) -> Failures:
-        """Return the model's numbers; `unit_s` is the length of the unit of time in seconds."""
-        return cls(
-            float(model.p_missed_motion),
-            float(model.p_missed_slow),
-            model.missed_speed_mps * unit_s,
-            float(model.p_outlier),
-            (model.outlier_sigma_mps * unit_s) ** 2,
-            float(model.p_outlier),
-            1.0,
-        )
 
 
 class Hypotheses(NamedTuple):
@@ -153,38 +127,6 @@ class Standing:
     def velocities(self, rows: I64, filters: tuple[F64, F64]) -> Moments:
         """Return the velocities of `rows` (n,), of both hypotheses together."""
         return Moments(*_mixed_velocities(self.rows.p_standing, rows, filters))
-
-
-@compiled
-def missed_share(failures: Failures, x: float, y: float, p: Symmetric) -> float:
-    """Return p_missed of one track with velocity N((x, y), p).
-
-    The mean of exp(-u^2 / 2 s^2) over u ~ N(d, p) is 2 pi s^2 N(d; 0, p + s^2 I).
-    """
-    if failures.p_slow == 0.0:
-        return float(failures.p_missed)
-    s = failures.slow_speed**2
-    wide = _widened(p, s)
-    slow = s / np.sqrt(determinant_of(wide)) * np.exp(-0.5 * inverse_quadratic_of(wide, x, y))
-    return float(failures.p_missed + failures.p_slow * slow)
-
-
-@compiled
-def normal_density(x: float, y: float, s: Symmetric) -> float:
-    """Return N((x, y); 0, s)."""
-    scale = 2.0 * np.pi * np.sqrt(determinant_of(s))
-    return float(np.exp(-0.5 * inverse_quadratic_of(s, x, y)) / scale)
-
-
-@compiled
-def isotropic_density(x: float, y: float, variance: float, s: Symmetric) -> float:
-    """Return N((x, y); 0, s + variance I)."""
-    return normal_density(x, y, _widened(s, variance))
-
-
-@compiled
-def _widened(s: Symmetric, variance: float) -> Symmetric:
-    return Symmetric(s.xx + variance, s.xy, s.yy + variance)
 
 
 @compiled
@@ -290,21 +232,25 @@ def _weigh(p: F64, n: int, stands: float, moves: float) -> None:
 
 
 @compiled
-def velocity_likelihoods(seen: Observation, prior: F64, failures: Failures) -> F64:
-    """Return three densities (3, n) of measured velocities, whichever track they belong to.
+def velocity_likelihoods(seen: Observation, prior: F64, at_rest: float, failures: Failures) -> F64:
+    """Return four densities (4, n) of measured velocities, whichever track they belong to.
 
-    The first is that of an object at rest, the second that of an outlier times its probability, the
-    third that of a new object whose velocity is N(0, prior), with `prior` (n, 2, 2).
+    The first is that of a missed motion, the second that of a moving object's outlier times its
+    probability, the third that of an object that stands. The fourth is that of a new object: it
+    stands with the probability `at_rest`, or moves by N(0, prior), with `prior` (n, 2, 2).
     """
-    result = np.empty((3, len(prior)))
+    result = np.empty((4, len(prior)))
     for i in range(len(prior)):
         x, y, r = seen.value[i, 0], seen.value[i, 1], block_of(seen.covariance, i, 0)
         p = block_of(prior, i, 0)
         p_missed = missed_share(failures, 0.0, 0.0, p)
         zero = normal_density(x, y, scaled(r, failures.rest_scale))
-        outlier = failures.p_outlier * isotropic_density(x, y, failures.outlier_variance, r)
+        wild = isotropic_density(x, y, failures.outlier_variance, r)
+        outlier = failures.p_outlier * wild
+        stands = (1.0 - failures.p_outlier_standing) * zero + failures.p_outlier_standing * wild
         new = normal_density(x, y, sum_of(p, r))
         result[0, i], result[1, i] = zero, outlier
         moves = (1.0 - p_missed - failures.p_outlier) * new + p_missed * zero + outlier
-        result[2, i] = max(moves, SMALLEST)
+        result[2, i] = stands
+        result[3, i] = max(at_rest * stands + (1.0 - at_rest) * moves, SMALLEST)
     return result

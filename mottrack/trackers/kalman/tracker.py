@@ -17,21 +17,21 @@ from mottrack.trackers.kalman.clutter import MIN_AREA_M2, ClutterDensity, spanne
 from mottrack.trackers.kalman.config import KalmanConfig
 from mottrack.trackers.kalman.detections import (
     Detections,
-    ScoreEvidence,
     error_model_of,
     observations_of,
 )
 from mottrack.trackers.kalman.heading import DetectedHeadings, Headings, Motion, TrackHeadings
 from mottrack.trackers.kalman.noise import NoiseTable, initial_velocity_covariance
 from mottrack.trackers.kalman.observations import Matched, Observation
-from mottrack.trackers.kalman.positions_alone import Tracked
+from mottrack.trackers.kalman.positions_alone import Moved, Tracked
+from mottrack.trackers.kalman.score_evidence import ScoreEvidence
 from mottrack.trackers.kalman.standing import Hypotheses, Standing
 from mottrack.trackers.kalman.state import SIZE, SMALLEST_SIZE_M, VELOCITY, YAW
 from mottrack.trackers.kalman.track_management import make_management, record_hits
 from mottrack.trackers.kalman.track_rows import LastHulls, TrackRows, new_tracks
-from mottrack.trackers.kalman.velocity_law import Law
 from mottrack.trackers.kalman.velocity_test import make_test
 from mottrack.trackers.step_input import checked_stamp, is_gap
+from mottrack.trackers.velocity_source.law import Law
 
 
 class KalmanTracker:
@@ -55,7 +55,7 @@ class KalmanTracker:
         self._test = make_test(self.config)
         self._management = make_management(self.config.track_management)
         self._clutter = ClutterDensity(self.config.association)
-        self._evidence = ScoreEvidence()
+        self._evidence = ScoreEvidence(self.config.association)
         self._hulls = LastHulls()
         self._next_id = 1
         self._stamp_ns: int | None = None
@@ -81,7 +81,8 @@ class KalmanTracker:
         area_m2 = spanned_area_m2(seen.box[:, :2])
         gates = self._clutter.nll_gate(self._table.labels, area_m2)
         seen.nll_gate[:] = gates[seen.label]
-        seen.evidence[:] = self._evidence.of(seen.score)
+        log_odds = self._evidence.log_odds(seen.score)
+        seen.evidence[:] = self._evidence.weight(len(gates))[seen.label] * log_odds
         first, self._stamp_ns = self._stamp_ns is None, stamp_ns
         tracks, management = self._tracks, self._management
         active = management.active(tracks.label, seen.label)
@@ -89,9 +90,9 @@ class KalmanTracker:
         elapsed = np.where(active, elapsed_s, 0.0)
         self._bank.predict(elapsed / unit_s, process)
         self._standing.predict(self._bank.filters, elapsed, unit_s)
-        self._test.predict(elapsed, process, unit_s)
         management.begin(tracks, seen.label, len(self._table.labels), elapsed_s)
         matched = self._associate(seen, np.flatnonzero(active))
+        self._test.step(Moved(elapsed, process, unit_s), matched, seen, self.law)
         self._update(matched, seen, elapsed_s)
         rows, columns = matched
         if self.config.yaw == "estimated":
@@ -101,7 +102,8 @@ class KalmanTracker:
         left[columns] = False
         unmatched = np.flatnonzero(left)
         if not first:  # in a first frame every object is new
-            self._clutter.record(seen.label[unmatched], len(self._table.labels), area_m2)
+            self._clutter.record(seen.label[unmatched], len(gates), area_m2)
+            self._evidence.record(seen.label, log_odds, left, len(gates))
         self._initiate(unmatched, seen, stamp_ns)
         is_published = management.is_published(tracks, seen.label, stamp_ns)
         published = self._published(np.flatnonzero(is_published), stamp_ns, unit_s)
@@ -157,7 +159,8 @@ class KalmanTracker:
     def _associate(self, seen: Detections, active: I64) -> Matched:
         bank = self._bank
         variance, label = bank.z_yaw_size_variance, self._tracks.label
-        tracks = Predicted(*bank.filters, variance, label, self.law.failures)
+        standing = self._standing.rows
+        tracks = Predicted(*bank.filters, variance, label, *standing, self.law.failures)
         if len(active) < len(bank):
             tracks = tracks.select(active)
         rows, columns = associate(seen, tracks, self.config, self._table.labels)
@@ -171,13 +174,10 @@ class KalmanTracker:
         self._standing.observe_position(matched, position, self._bank.filters)
         self._weigh_headings(matched, seen, elapsed_s)
         self._bank.update_box(matched, boxes)
-        self._test.observe(matched, position)
         measured = seen.has_velocity[matched.columns]
         if measured.any():
             rows, columns = matched.select(measured)
-            velocity = _velocities(seen, columns)
-            self._test.judge(rows, velocity, self.law)
-            self._update_velocity(rows, velocity)
+            self._update_velocity(rows, _velocities(seen, columns))
 
     def _update_velocity(self, rows: I64, velocity: Observation) -> None:
         """Update `rows` (n,) by their velocities, each as far as it is correct."""

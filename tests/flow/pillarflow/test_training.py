@@ -16,7 +16,7 @@ from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.decoders import PRESETS, preset
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.pillars import CellGrid
-from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, scale_objects
+from mottrack.flow.pillarflow.training.augmentation import scale_objects
 from mottrack.flow.pillarflow.training.batches import (
     NO_ROTATION,
     CropConfig,
@@ -24,9 +24,14 @@ from mottrack.flow.pillarflow.training.batches import (
     cut,
     random_rotation,
 )
-from mottrack.flow.pillarflow.training.config import ScheduleConfig, TrainConfig
+from mottrack.flow.pillarflow.training.config import (
+    AugmentationConfig,
+    LossConfig,
+    ScheduleConfig,
+    TrainConfig,
+)
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
-from mottrack.flow.pillarflow.training.losses import LossConfig, bucket_mean
+from mottrack.flow.pillarflow.training.losses import bucket_mean
 from mottrack.flow.pillarflow.training.shards import Shards, write_shard
 from mottrack.flow.pillarflow.training.trainer import RankInfo, Trainer, finish, network_config
 from mottrack.flow.pillarflow.weights_file import load_weights, widen

@@ -10,33 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
-from pydantic import Field
 
-from mottrack.config import StrictModel
 from mottrack.core.arrays import F32
+from mottrack.flow.pillarflow.training.config import AugmentationConfig
 from mottrack.flow.pillarflow.training.examples import Example
-
-
-class AugmentationConfig(StrictModel):
-    """Changes made to training examples."""
-
-    rotate: bool = Field(True, description="rotate the world about the vehicle, flip it")
-    box_scale: float = Field(0.15, ge=0, lt=1, description="objects grow or shrink by up to this")
-    thinned_share: float = Field(0.2, ge=0, le=1, description="share of examples that lose points")
-    min_kept_share: float = Field(0.3, gt=0, le=1, description="smallest share of points kept then")
-    pose_noise_m: float = Field(0.015, ge=0, description="standard deviation of residual odometry")
-    pose_noise_rad: float = Field(0.0006, ge=0, description="the same of the heading")
-    height_noise_m: float = Field(0.05, ge=0, description="offset of the ground, of both sweeps")
-    no_visibility_share: float = Field(
-        0.1, ge=0, le=1, description="share of examples without visibility"
-    )
-    no_older_share: float = Field(
-        0.2, ge=0, le=1, description="share of examples that lose all older sweeps, or the oldest"
-    )
-    no_reflectance_share: float = Field(
-        0.3, ge=0, le=1, description="share of examples without reflectance"
-    )
-    gamma: float = Field(0.7, ge=0, description="reflectance ** exp(u), |u| up to this")
 
 
 def augment(example: Example, config: AugmentationConfig, rng: Generator) -> Example:

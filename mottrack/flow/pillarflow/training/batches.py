@@ -14,34 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from numpy.random import Generator
-from pydantic import Field
 
 from mottrack.compiled import compiled
-from mottrack.config import StrictModel
 from mottrack.core.arrays import F32, I64, Mask
 from mottrack.flow.pillarflow.network import NetworkInput, PointBatch
 from mottrack.flow.pillarflow.pillars import DESCRIPTORS, CellGrid, DescribedPoints, describe
 from mottrack.flow.pillarflow.sight import SHARES, sight_shares
-from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig, augment
+from mottrack.flow.pillarflow.training.augmentation import augment
+from mottrack.flow.pillarflow.training.config import AugmentationConfig, CropConfig
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 from mottrack.flow.pillarflow.training.losses import Target
 
 NO_ROTATION: F32 = np.eye(2, dtype=np.float32)
-
-
-class CropConfig(StrictModel):
-    """Size, place and labels of the crops."""
-
-    size_m: float = Field(32.0, gt=0, description="edge of the square [m]")
-    moving_share: float = Field(0.6, ge=0, le=1, description="share of crops at a moving object")
-    jitter_m: float = Field(8.0, ge=0, description="the square is off its point by up to this")
-    moving_mps: float = Field(0.5, gt=0, description="a point this fast is moving")
-    min_previous_points: int = Field(
-        5, ge=0, description="objects with fewer points in the previous sweep are masked"
-    )
-    min_current_points: int = Field(
-        3, ge=0, description="objects with fewer points in the current sweep are masked"
-    )
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,64 @@ from typing import Any, Literal
 from pydantic import Field
 
 from mottrack.config import StrictModel
-from mottrack.flow.pillarflow.training.augmentation import AugmentationConfig
-from mottrack.flow.pillarflow.training.batches import CropConfig
-from mottrack.flow.pillarflow.training.losses import LossConfig
+
+
+class AugmentationConfig(StrictModel):
+    """Changes made to training examples."""
+
+    rotate: bool = Field(True, description="rotate the world about the vehicle, flip it")
+    box_scale: float = Field(0.15, ge=0, lt=1, description="objects grow or shrink by up to this")
+    thinned_share: float = Field(0.2, ge=0, le=1, description="share of examples that lose points")
+    min_kept_share: float = Field(0.3, gt=0, le=1, description="smallest share of points kept then")
+    pose_noise_m: float = Field(0.015, ge=0, description="standard deviation of residual odometry")
+    pose_noise_rad: float = Field(0.0006, ge=0, description="the same of the heading")
+    height_noise_m: float = Field(0.05, ge=0, description="offset of the ground, of both sweeps")
+    no_visibility_share: float = Field(
+        0.1, ge=0, le=1, description="share of examples without visibility"
+    )
+    no_older_share: float = Field(
+        0.2, ge=0, le=1, description="share of examples that lose all older sweeps, or the oldest"
+    )
+    no_reflectance_share: float = Field(
+        0.3, ge=0, le=1, description="share of examples without reflectance"
+    )
+    gamma: float = Field(0.7, ge=0, description="reflectance ** exp(u), |u| up to this")
+
+
+class CropConfig(StrictModel):
+    """Size, place and labels of the crops."""
+
+    size_m: float = Field(32.0, gt=0, description="edge of the square [m]")
+    moving_share: float = Field(0.6, ge=0, le=1, description="share of crops at a moving object")
+    jitter_m: float = Field(8.0, ge=0, description="the square is off its point by up to this")
+    moving_mps: float = Field(0.5, gt=0, description="a point this fast is moving")
+    min_previous_points: int = Field(
+        5, ge=0, description="objects with fewer points in the previous sweep are masked"
+    )
+    min_current_points: int = Field(
+        3, ge=0, description="objects with fewer points in the current sweep are masked"
+    )
+
+
+class LossConfig(StrictModel):
+    """Which loss, and its weights."""
+
+    kind: Literal["balanced", "paper"] = Field(
+        "balanced", description="balanced: means over buckets of speed; paper: sum over all cells"
+    )
+    level_decay: float = Field(0.5, gt=0, le=1, description="weight of a level / next finer one")
+    speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0, 8.0), description="edges of the buckets")
+    static_weight: float = Field(1.5, gt=0, description="weight of the slowest bucket")
+    shadow_weight: float = Field(
+        0.0, ge=0, description="further weight of its cells at shadow edges, which look like motion"
+    )
+    empty_weight: float = Field(
+        0.1,
+        ge=0,
+        description="weight of the displacements of empty cells; without it they grow without"
+        " bound and dominate the statistics of the batch normalisation",
+    )
+    nll_weight: float = Field(0.1, ge=0, description="weight of the uncertainty head's loss")
 
 
 class ExamplesConfig(StrictModel):

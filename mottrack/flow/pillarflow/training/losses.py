@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import torch
-from pydantic import Field
 from torch.nn import functional
 
-from mottrack.config import StrictModel
 from mottrack.flow.pillarflow.network import Estimate
+from mottrack.flow.pillarflow.training.config import LossConfig
 
 PAPER_ALPHAS = (0.32, 0.08, 0.02, 0.01, 0.005)
 """Weights of the levels, coarse to fine, as published for PWC-Net."""
@@ -24,27 +22,6 @@ SHADOW_SHARE = 0.3
 """Above this share of its points a cell is at a shadow edge; chosen by eye."""
 DEGREES_OF_FREEDOM = 3.0
 """Of the likelihood's Student t: the fewest whole ones with which a covariance exists."""
-
-
-class LossConfig(StrictModel):
-    """Which loss, and its weights."""
-
-    kind: Literal["balanced", "paper"] = Field(
-        "balanced", description="balanced: means over buckets of speed; paper: sum over all cells"
-    )
-    level_decay: float = Field(0.5, gt=0, le=1, description="weight of a level / next finer one")
-    speed_edges_mps: tuple[float, ...] = Field((0.5, 3.0, 8.0), description="edges of the buckets")
-    static_weight: float = Field(1.5, gt=0, description="weight of the slowest bucket")
-    shadow_weight: float = Field(
-        0.0, ge=0, description="further weight of its cells at shadow edges, which look like motion"
-    )
-    empty_weight: float = Field(
-        0.1,
-        ge=0,
-        description="weight of the displacements of empty cells; without it they grow without"
-        " bound and dominate the statistics of the batch normalisation",
-    )
-    nll_weight: float = Field(0.1, ge=0, description="weight of the uncertainty head's loss")
 
 
 @dataclass(frozen=True)

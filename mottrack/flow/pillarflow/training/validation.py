@@ -19,11 +19,11 @@ from mottrack.flow.pillarflow.calibration import (
 from mottrack.flow.pillarflow.network import PillarFlowNet
 from mottrack.flow.pillarflow.training.batches import (
     NO_ROTATION,
-    CropConfig,
     collate,
     cut,
     without_older,
 )
+from mottrack.flow.pillarflow.training.config import CropConfig
 from mottrack.flow.pillarflow.training.examples import EXAMPLE_GRID, Example
 
 
