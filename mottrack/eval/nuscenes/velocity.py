@@ -108,8 +108,8 @@ def unknown_text(errors: SubmissionErrors) -> Iterator[str]:
         yield f"{errors.path.name}: {errors.unknown} boxes have no velocity (NaN) and are left out"
     if errors.all_zero:
         yield (
-            f"{errors.path.name}: the velocity of every box is 0: not measured? The errors below "
-            "are those of objects that stand"
+            f"{errors.path.name}: the velocity of every box is 0 (not measured?), so each error "
+            "is the object's own speed"
         )
 
 
