@@ -8,6 +8,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+"""Recorded drives, which are no part of the project."""
+
 
 def arguments(description: str, **more: Callable[[str], Any]) -> argparse.Namespace:
     """`--json FILE`, `--quick` and an option `--name VALUE` for each of `more`."""
@@ -19,6 +22,14 @@ def arguments(description: str, **more: Callable[[str], Any]) -> argparse.Namesp
     for name, kind in more.items():
         parser.add_argument(f"--{name}", type=kind, default=None)
     return parser.parse_args()
+
+
+def recorded_data(chosen: Path | None) -> Path:
+    """The folder of recorded drives; ends the script without an error where there is none."""
+    if chosen is not None or SHARED.is_dir():
+        return chosen or SHARED
+    print("skipped: there are no recorded drives in ../shared/data; name their folder with --data")
+    raise SystemExit(0)
 
 
 def report(rows: Sequence[dict[str, Any]], json_file: Path | None = None) -> None:

@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 from _real_pairs import Drive, cell_truth, read_kitti, read_pandaset
-from flow_real import SHARED, scores
+from flow_real import scores
 from numpy.typing import NDArray
 
 from mottrack.core.frame import Frame
@@ -158,7 +158,7 @@ def ask(source: FlowSource, moment: Moment, tally: Tally) -> None:
 
 def main() -> None:
     options = arguments(__doc__ or "", on=str, rows=str, cell=float, data=Path)
-    grid, shared = BevGrid(cell_m=options.cell or 0.25), options.data or SHARED
+    grid, shared = BevGrid(cell_m=options.cell or 0.25), recorded_data(options.data)
     scenes, every = (3, 10) if options.quick else (20, 2)
     places: dict[str, Callable[[], Iterator[Iterator[Moment]]]] = {
         "world": lambda: world(scenes, grid),

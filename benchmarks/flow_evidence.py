@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 from _real_pairs import Drive, cell_truth, read_kitti, read_pandaset
 
 from mottrack.core.arrays import F64, I64, Mask
@@ -34,7 +34,6 @@ from mottrack.flow.pillarflow.source import PillarFlow, PillarFlowConfig
 from mottrack.flow.registration.motions import MIN_POINTS
 from mottrack.flow.registration.refine import RefineConfig, refine_components
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 PASTS = ((2, 5), (2,), (1, 5))
 """Sweeps back, the network's first: the default, the start of a drive, and a short baseline."""
 OLDEST = 5
@@ -148,7 +147,7 @@ def main() -> None:
     source = PillarFlow(PillarFlowConfig(refined=False), grid=BevGrid(cell_m=0.5))
     every = 5 if options.quick else 1
     found: dict[str, list[Components]] = {}
-    for drive in drives(options.data or SHARED, seeds):
+    for drive in drives(recorded_data(options.data), seeds):
         found[drive.name] = [components(drive, source, back, every) for back in PASTS]
     least = RefineConfig().least_probability
     lines, weights = [], []

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
-from flow_real import ROWS, SHARED
+from _common import arguments, recorded_data, report
+from flow_real import ROWS
 
 from mottrack.core.arrays import F32, F64
 from mottrack.core.grid import BevGrid
@@ -64,7 +64,7 @@ def scores(error_m: F64, dynamic: Any, labelled: Any) -> dict[str, float]:
 
 def main() -> None:
     options = arguments(__doc__ or "", rows=str, data=Path)
-    with np.load((options.data or SHARED) / FILE) as pair:
+    with np.load(recorded_data(options.data) / FILE) as pair:
         first_m, second_m, near = pair["points0"], pair["points1"], pair["near0"]
         truth_m, peer_m = pair["flow0_m"][near], pair["peer_flow0_m"][near]
         dynamic, labelled = pair["dynamic0"][near], pair["class0"][near] >= 0

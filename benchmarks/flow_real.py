@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 from _real_pairs import (
     EGO_RESTS_BELOW_MPS,
     CellTruth,
@@ -55,7 +55,6 @@ from mottrack.flow.pillarflow.source import (
 from mottrack.flow.zero import ZeroFlow
 from mottrack.pipeline.sweep_pairs import PairConfig, SweepPairs
 
-SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 ROWS: dict[str, Callable[[BevGrid], FlowSource]] = {
     "zero": lambda grid: ZeroFlow(grid=grid),
     "icp_oracle_one": lambda grid: IcpFlow(IcpConfig(use_truth=True, starts=1), grid=grid),
@@ -209,7 +208,7 @@ def run(drive: Drive, source: FlowSource, grid: BevGrid, every: int) -> tuple[Ce
 
 def main() -> None:
     options = arguments(__doc__ or "", rows=str, data=Path, cell=float)
-    shared = options.data or SHARED
+    shared = recorded_data(options.data)
     names = options.rows.split(",") if options.rows else list(ROWS)
     grid = BevGrid(cell_m=options.cell or 0.5)
     lines: list[dict[str, Any]] = []

@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 from _real_pairs import Drive, read_kitti, read_pandaset
-from flow_real import SHARED
 
 from mottrack.flow.pillarflow.engine import use_threads
 from mottrack.flow.pillarflow.source import PillarFlow, PillarFlowConfig
@@ -79,7 +78,7 @@ class TimedFlow:
 
 def main() -> None:
     options = arguments(__doc__ or "", data=Path, threads=str, precision=str, weights=str)
-    shared = options.data or SHARED
+    shared = recorded_data(options.data)
     drives = [
         read_pandaset(shared / "argoverse2" / "val" / "pandaset-002"),
         read_pandaset(shared / "argoverse2_driving" / "val" / "pandaset-002b"),

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 
 from mottrack.core.objects import Tracks
 from mottrack.core.pose import Pose
@@ -31,6 +31,8 @@ from mottrack.trackers import KalmanTracker
 
 KINDS = ("Car", "Pedestrian", "Cyclist")
 SMALLEST_PX = 2.0
+QUICK = ("0012", "0013")
+"""Short sequences in which every class stands."""
 
 
 def lines(frame: int, tracks: Tracks, ego_T_world: Pose, ego_T_camera: Pose) -> list[str]:
@@ -87,11 +89,12 @@ def figures(title: str, kind: str, folders: Folders) -> dict[str, Any]:
 
 def main() -> None:
     options = arguments(__doc__ or "", data=Path)
-    root, reference = options.data / "kitti_tracking", options.data / "kitti_ab3dmot_reference"
+    shared = recorded_data(options.data)
+    root, reference = shared / "kitti_tracking", shared / "kitti_ab3dmot_reference"
     labels = root / "training" / "label_02"
     found = {path.stem for path in (root / "detections" / "pointrcnn" / "Car").glob("*.txt")}
     names = tuple(name for name in SPLITS["val"] if name in found)
-    names = names[:2] if options.quick else names
+    names = QUICK if options.quick else names
     dataset, rows = Kitti(Kitti.Config(root=root, scenes=names)), []
     with tempfile.TemporaryDirectory() as folder:
         for name in names:

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 from _real_pairs import Drive, cell_truth, read_kitti, read_pandaset
-from flow_real import ROWS, SHARED
+from flow_real import ROWS
 from scipy.stats import kendalltau
 
 from mottrack.core.grid import BevGrid
@@ -157,7 +157,7 @@ def main() -> None:
     }
     sources = {name: make(grid) for name, make in makers.items()}
     rows: list[dict[str, Any]] = []
-    for drive in drives(options.data or SHARED):
+    for drive in drives(recorded_data(options.data)):
         rows += compare(drive, sources, grid, options.quick)
     report(rows, options.json)
     print()

@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from _common import arguments, report
+from _common import arguments, recorded_data, report
 from _peers import PEERS, run_peer
 
 from mottrack.core.objects import Objects
@@ -142,11 +142,11 @@ def figures(results: list[SceneResult]) -> dict[str, float]:
 
 def main() -> None:
     options = arguments(__doc__ or "", data=Path, out=Path)
-    rows = []
+    data, rows = recorded_data(options.data), []
     with tempfile.TemporaryDirectory() as folder:
-        mini = options.data / "nuscenes_mini"
+        mini = data / "nuscenes_mini"
         sets = {
-            "KITTI PointRCNN": kitti(options.data / "kitti_tracking"),
+            "KITTI PointRCNN": kitti(data / "kitti_tracking"),
             "mini Megvii": nuscenes(mini, "megvii", Path(folder)),
             "mini CenterPoint": nuscenes(mini, "centerpoint", Path(folder)),
         }
@@ -158,7 +158,7 @@ def main() -> None:
                     continue
                 rows.append({"set": title, "tracker": name} | figures(results))
                 if options.out:
-                    camera_root = options.data / "kitti_tracking" if "KITTI" in title else None
+                    camera_root = data / "kitti_tracking" if "KITTI" in title else None
                     store(results, options.out / title / name, camera_root)
     report(rows, options.json)
 
