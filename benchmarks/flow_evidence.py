@@ -4,8 +4,7 @@
 
 Components that the raw network claims to move, on recorded drives and scenes of the embedded world,
 with what the refinement measures of each: the mean significance over the past sweeps, the
-logarithm of the mean ratio of costs, the correction of the claim as a share, and the logarithm of
-the speed. The true answer is whether the
+logarithm of the mean ratio of costs, and the logarithm of the speed. The true answer is whether the
 cells of the component move by more than 0.5 m/s. Each drive has the same weight, and each of three
 choices of past sweeps, since a stream begins with few.
 
@@ -55,7 +54,7 @@ class Components:
     """K claimed components of one drive."""
 
     evidence: F64
-    """(K, 4) what `ODDS` weighs."""
+    """(K, 3) what `ODDS` weighs."""
     moves: Mask
     """(K,) the true answer."""
     cells: I64
@@ -92,12 +91,12 @@ def components(drive: Drive, source: PillarFlow, back: tuple[int, ...], every: i
 
 
 def fitted(parts: list[Components]) -> F64:
-    """Return (5,) the constant and the weights of the logistic regression, by Newton's method."""
+    """Return (4,) the constant and the weights of the logistic regression, by Newton's method."""
     x = np.concatenate([np.column_stack([np.ones(len(p.moves)), p.evidence]) for p in parts])
     y = np.concatenate([p.moves for p in parts]).astype(np.float64)
     weight = np.concatenate([np.full(len(p.moves), EACH / len(p.moves)) for p in parts])
-    penalty = PENALTY * np.diag([1e-6, 1.0, 1.0, 1.0, 1.0])
-    odds = np.zeros(5)
+    penalty = PENALTY * np.diag([1e-6, 1.0, 1.0, 1.0])
+    odds = np.zeros(4)
     for _ in range(STEPS):
         p = 1.0 / (1.0 + np.exp(-x @ odds))
         slope = x.T @ (weight * (y - p)) - penalty @ odds
@@ -162,7 +161,7 @@ def main() -> None:
             lines.append({"left out": name, "sweeps back": str(back), **judged(part, odds, least)})
     report(lines, options.json)
     everything = fitted([part for parts in found.values() for part in parts])
-    print("\nconstant, significance, ratio, correction, speed:", np.round(everything, 2).tolist())
+    print("\nconstant, significance, ratio, speed:", np.round(everything, 2).tolist())
     print("their spread over the drives left out:", np.round(np.std(weights, axis=0), 2).tolist())
 
 

@@ -39,12 +39,14 @@ def adapt(
     Example: mottrack adapt demo dataset.sensor=ring64 --out my/street.safetensors
     """
     from mottrack.core.errors import ConfigError
+
+    if out.suffix != ".safetensors":
+        raise ConfigError(f"--out is {out}, expected a name that ends in .safetensors")
+    typer.echo(f"adapt: work folder {out.with_suffix('.work')}", err=True)  # torch loads slowly
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.adaptation.adapt import adapt as tune_to_logs
     from mottrack.studies.adaptation.tables import figure_table, world_table
 
-    if out.suffix != ".safetensors":
-        raise ConfigError(f"--out is {out}, expected a name that ends in .safetensors")
     texts = overrides or []
     own = [text for text in texts if text.startswith(PREFIX)]
     experiments = load_experiments(config, [text for text in texts if text not in own])

@@ -27,13 +27,18 @@ def folds(
 
     Example: mottrack folds recorded --data path/to/data --out out/folds
     """
+    from mottrack.core.errors import ConfigError, require_folder_or_nothing
     from mottrack.formats.text_table import write_tables
     from mottrack.studies.folds.plan import read_plan
     from mottrack.studies.folds.study import study
     from mottrack.studies.folds.tables import tables_of
 
+    require_folder_or_nothing(out)
     wanted = read_plan(plan)
-    outcome = study(wanted, data, lambda text: typer.echo(text, err=True))
+    try:
+        outcome = study(wanted, data, lambda text: typer.echo(text, err=True))
+    except ConfigError as error:
+        raise ConfigError(f"{plan}: {error}") from error
     tables = tables_of(wanted, outcome)
     write_tables(tables, out)
     print_tables(tables)

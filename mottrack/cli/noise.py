@@ -76,9 +76,12 @@ def calibrate_errors(
 
     Example: mottrack calibrate-errors velocity_errors flow=pillarflow --out errors.json
     """
+    from mottrack.core.velocity_errors import read_error_models
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.velocity_errors import store, study_errors
 
+    if out.exists():
+        read_error_models(out)  # a file that is damaged is refused before anything is measured
     for experiment in load_experiments(config, overrides or []):
         study = study_errors(experiment, _progress)
         store(study, out)

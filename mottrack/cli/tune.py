@@ -48,16 +48,17 @@ def tune(  # noqa: PLR0913
     --setting track_management.p_detection --out out/tune
     """
     from mottrack.config import StrictModel
-    from mottrack.core.errors import ConfigError, unknown_name
+    from mottrack.core.errors import ConfigError, require_folder_or_nothing, unknown_name
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.tuning.objectives import OBJECTIVES
     from mottrack.studies.tuning.recorded import record
-    from mottrack.studies.tuning.search import Search
+    from mottrack.studies.tuning.search import Search, claim
     from mottrack.studies.tuning.search import tune as search_folds
     from mottrack.studies.tuning.search_space import settings_of
 
+    require_folder_or_nothing(out)
     if objective not in OBJECTIVES:
-        raise unknown_name("--objective", objective, OBJECTIVES)
+        raise unknown_name("objective", objective, OBJECTIVES)
     experiments = load_experiments(config, overrides or [])
     if len(experiments) > 1:
         raise ConfigError(f"{config} is a sweep of {len(experiments)} runs; tune one of them")
@@ -67,6 +68,7 @@ def tune(  # noqa: PLR0913
         raise ConfigError(f"tracker '{experiment.tracker.kind}' declares no settings")
     settings = tuple(settings_of(own, setting))
     search = Search(experiment, settings, OBJECTIVES[objective], trials, seed)
+    claim(search, folds, out)
     scenes = record(experiment, _scene_done)
     tuned = search_folds(search, scenes, folds, out, _trial_done)
     _write(search, tuned, out)

@@ -58,14 +58,38 @@ def _sentence(field: str, value: object, expected: str) -> str:
     return f"{shown(field)} is {shown(value)}, expected {printable(expected, MAX_MESSAGE)}"
 
 
-def require_exists(path: Path) -> None:
+def require_exists(path: Path, expected: str = "a file or folder") -> None:
     """Refuse a path of the command line at which there is nothing.
 
     Raises:
         ConfigError: it does not exist.
     """
     if not path.exists():
-        raise ConfigError(f"{shown(path, MAX_PATH_SHOWN)} does not exist")
+        raise ConfigError(f"{shown(path, MAX_PATH_SHOWN)} does not exist, expected {expected}")
+
+
+def require_folder_or_nothing(path: Path) -> None:
+    """Refuse a path for results at which there is a file.
+
+    Raises:
+        ConfigError: there is one.
+    """
+    if path.exists() and not path.is_dir():
+        raise ConfigError(f"--out is {shown(path, MAX_PATH_SHOWN)}, a file, expected a folder")
+
+
+def no_such_file(kind: str, name: str, shipped: Iterable[str]) -> ConfigError:
+    """Build the error for what is neither a file nor the name of one that is shipped.
+
+    Args:
+        kind: what was asked for, such as ``"config"``.
+        name: a path, or a name.
+        shipped: all names that would have been accepted.
+    """
+    if Path(name).suffix or Path(name).parent.name:
+        expected = f"the YAML file of a {kind}, or the name of a shipped one"
+        return ConfigError(f"{shown(name, MAX_PATH_SHOWN)} does not exist, expected {expected}")
+    return unknown_name(kind, name, shipped)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> ConfigError:

@@ -95,4 +95,5 @@ def read_error_models(file: Path) -> dict[str, VelocityErrorModel]:
             for name, entry in stored.items()
         }
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise DataError(file, "content", repr(error), "what calibrate-errors writes") from error
+        reason = f"unreadable ({error})"
+        raise DataError(file, "content", reason, "what calibrate-errors writes") from error

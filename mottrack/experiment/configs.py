@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mottrack.core.errors import ConfigError, unknown_name
+from mottrack.core.errors import ConfigError, no_such_file
 
 
 def shipped_folder() -> Path:
@@ -28,9 +28,7 @@ def find_config(name: str) -> Path:
     shipped = shipped_folder() / f"{path.stem}.yaml"
     if shipped.is_file() and path.parent.name in ("", "configs"):
         return shipped
-    if path.parent.name not in ("", "configs"):  # nobody writes a shipped name with a folder
-        raise ConfigError(f"{name} does not exist")
-    raise unknown_name("config", name, shipped_configs())
+    raise no_such_file("config", name, shipped_configs())
 
 
 def shipped_configs() -> dict[str, Path]:

@@ -16,14 +16,31 @@ def format_validation_error(
     error: ValidationError, model: type[BaseModel], *, prefix: str = ""
 ) -> str:
     """Return all problems in one line, each with the key, the value and what was expected."""
-    return "; ".join(_format_one(item, model, prefix) for item in error.errors())
+    unknown: dict[tuple[int | str, ...], list[str]] = {}
+    said = []
+    for item in error.errors():
+        if item["type"] == "extra_forbidden":
+            unknown.setdefault(item["loc"][:-1], []).append(str(item["loc"][-1]))
+        else:
+            said.append(_format_one(item, prefix))
+    return "; ".join([*(_unknown(at, keys, model, prefix) for at, keys in unknown.items()), *said])
 
 
-def _format_one(item: ErrorDetails, model: type[BaseModel], prefix: str) -> str:
+def _unknown(
+    above: tuple[int | str, ...], names: list[str], model: type[BaseModel], prefix: str
+) -> str:
+    """Return which keys of one mapping are unknown, and the valid ones once."""
+    path = [str(part) for part in above]
+    keys = [".".join([prefix, *path, name] if prefix else [*path, name]) for name in names]
+    valid = _fields_at(model, path)
+    if len(keys) == 1:
+        return f"{keys[0]} is not a known key{did_you_mean(names[0], valid)}"
+    return f"{', '.join(keys)} are not known keys; valid: {', '.join(sorted(valid))}"
+
+
+def _format_one(item: ErrorDetails, prefix: str) -> str:
     path = [str(part) for part in item["loc"]]
     key = ".".join([prefix, *path] if prefix else path)
-    if item["type"] == "extra_forbidden":
-        return f"{key} is not a known key{did_you_mean(path[-1], _fields_at(model, path[:-1]))}"
     if item["type"] == "missing":
         return f"{key} is missing"
     if item["type"] == "int_parsing_size":

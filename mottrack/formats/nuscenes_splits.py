@@ -76,7 +76,7 @@ def resolve_names(split: str, splits: Mapping[str, Collection[str]]) -> tuple[st
     if split in splits:
         return tuple(splits[split])
     if not path.is_file():
-        raise unknown_name("split", split, splits)
+        raise unknown_name("split", split, [*splits, "a text file of scene names"])
     lines = (line.strip() for line in read_lines(path))
     names = tuple(line for line in lines if line and not line.startswith("#"))
     if not names:

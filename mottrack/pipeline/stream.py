@@ -8,7 +8,7 @@ from typing import NamedTuple, Self, TypeVar
 
 from numpy.typing import ArrayLike
 
-from mottrack.core.checks import as_stamp
+from mottrack.core.checks import as_stamp, require_covariance
 from mottrack.core.errors import ConfigError, InputError
 from mottrack.core.frame import Frame
 from mottrack.core.interfaces import (
@@ -248,7 +248,12 @@ class Pipeline:
         if pair is None:
             return None
         with self.watch("flow"):
-            return returned(self.flow.estimate(*pair), FlowField, "flow source")
+            try:
+                found = self.flow.estimate(*pair)
+            except InputError as error:  # such as a field that refuses its arrays
+                field = f"flow source: {error.field}"
+                raise InputError(field, error.value, error.expected) from error
+            return checked_field(returned(found, FlowField, "flow source"), pair.current)
 
     def _measured_objects(
         self, frame: Frame, sweep: Sweep | None, field: FlowField | None
@@ -295,6 +300,21 @@ def returned(value: object, kind: type[R], part: str) -> R:
         found, wanted = type(value).__name__, kind.__name__
         raise ConfigError(f"the {part} returned {found}, expected {wanted}")
     return value
+
+
+def checked_field(field: FlowField, current: Sweep) -> FlowField:
+    """Return a field if it is of the current sweep and its covariances are such.
+
+    Raises:
+        InputError: it has another stamp, or a measured cell's covariance is not symmetric or not
+            positive semi-definite.
+    """
+    if field.stamp_ns != current.stamp_ns:
+        expected = f"that of the current sweep, {current.stamp_ns}"
+        raise InputError("flow source: stamp_ns of the field", field.stamp_ns, expected)
+    measured = field.covariance_m2ps2[field.valid]
+    require_covariance("flow source: covariance_m2ps2 of measured cells", measured)
+    return field
 
 
 def make_flow(experiment: Experiment) -> FlowSource:

@@ -131,7 +131,7 @@ def load_comparison(folder: Path, baseline: str | None = None) -> Comparison:
         ConfigError: the folder does not exist, or holds no run with a finished scene.
         ResultError: a stored result is damaged.
     """
-    require_exists(folder)
+    require_exists(folder, "the folder of a run or of a comparison")
     notes = _notes(folder)
     runs = [_load_run(folder, variant, notes.get(variant, {})) for variant in variants_of(folder)]
     runs = [run for run in runs if run.finished]

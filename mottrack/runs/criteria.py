@@ -27,6 +27,8 @@ class Judged:
 
     criterion: Criterion
     verdict: Verdict
+    reason: str = ""
+    """Why it was not measured; empty where it was."""
     value: float = float("nan")
     low: float = float("nan")
     high: float = float("nan")
@@ -36,7 +38,7 @@ class Judged:
         """The value with its interval, as text."""
         number = self.criterion.number
         if self.value != self.value:
-            return ""
+            return self.reason
         if self.low != self.low:
             return f"{number(self.value)} (one scene)"
         return f"{number(self.value)} [{number(self.low)}, {number(self.high)}]"
@@ -49,13 +51,14 @@ class Judged:
             "run": self.criterion.run,
             "bound": self.criterion.bound,
             "verdict": self.verdict,
+            "reason": self.reason,
             **strict(numbers),
         }
 
     @property
     def text(self) -> str:
         """Verdict, claim, bound and figures in one line."""
-        found = f", found {self.figures}" if self.figures else ""
+        found = f", found {self.figures}" if self.value == self.value else f"; {self.reason}"
         return f"{self.verdict}: {self.criterion.claim} ({self.criterion.bound}{found})"
 
 
@@ -66,14 +69,27 @@ def judge(criteria: Sequence[Criterion], values: Sequence[FlowValue]) -> list[Ju
 
 def _judged(criterion: Criterion, values: Sequence[FlowValue]) -> Judged:
     value = next((v for v in values if v.run == criterion.run), None)
-    found = None if value is None else _measured(criterion, value)
+    if value is None:
+        runs = ", ".join(v.run for v in values) or "none"
+        reason = f"no run {criterion.run} beside one without flow; there are: {runs}"
+        return Judged(criterion, "not measured", reason)
+    found = _measured(criterion, value)
     if found is None:
-        return Judged(criterion, "not measured")
+        return Judged(criterion, "not measured", _missing(criterion, value))
     if found.low != found.low:
-        return Judged(criterion, "undecided", found.share)
+        return Judged(criterion, "undecided", value=found.share)
     both = criterion.holds(found.low), criterion.holds(found.high)
     verdict: Verdict = "met" if all(both) else "undecided" if any(both) else "failed"
-    return Judged(criterion, verdict, found.share, found.low, found.high)
+    return Judged(criterion, verdict, "", found.share, found.low, found.high)
+
+
+def _missing(criterion: Criterion, value: FlowValue) -> str:
+    """Return why a run has no such figure."""
+    if criterion.measure != "share of headroom":
+        return f"{criterion.run} or {value.baseline} has no {criterion.metric}"
+    if value.oracle:
+        return f"{criterion.run} is the true flow itself"
+    return "no run with the true flow, or its gain is not significant"
 
 
 def _measured(criterion: Criterion, value: FlowValue) -> Value | None:

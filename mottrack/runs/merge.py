@@ -49,7 +49,7 @@ def merge_shards(sources: Sequence[Path], out: Path) -> Merged:
         ResultError: a record is damaged.
     """
     for source in sources:
-        require_exists(source)
+        require_exists(source, "the folder of a shard")
     runs = _runs(sources)
     if not runs:
         places = ", ".join(map(str, sources))

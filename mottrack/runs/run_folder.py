@@ -277,7 +277,7 @@ def stored_scenes(run: Path) -> tuple[str, ...]:
         ConfigError: the folder does not exist, or holds several runs.
         ResultError: it holds none, or no scene of it is finished.
     """
-    require_exists(run)
+    require_exists(run, "the folder of a run")
     folder = RunFolder(run)
     if not folder.config_file.exists():
         inside = sorted(path.parent.name for path in run.glob("*/config.yaml"))

@@ -34,7 +34,7 @@ def of_folders(paths: list[Path]) -> dict[str, TrackedScenes]:
     """
     found: dict[str, TrackedScenes] = {}
     for path in paths:
-        require_exists(path)
+        require_exists(path, "a file or folder of tracks")
         folders = [path / variant for variant in variants_of(path)]
         if not folders:
             raise ResultError(path, "content", "no run.json", "the folder of a run")

@@ -172,6 +172,8 @@ def _described(row: PairedDifference | None, name: str, unit: str) -> str:
     if row.low == row.low:
         interval = f"[{row.low:+.{digits}f}, {row.high:+.{digits}f}]"
     verdict = {True: "better", False: "worse", None: "not significant"}[row.better]
+    if row.low != row.low:
+        verdict = "of unknown significance"
     change = f"{row.baseline:.{digits}f} -> {row.value:.{digits}f}{unit}"
     return f"{name} {change}, difference {row.difference:+.{digits}f} {interval}, {verdict}"
 

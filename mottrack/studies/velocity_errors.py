@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mottrack.core.errors import DataError
+from mottrack.core.errors import DataError, InputError
 from mottrack.core.objects import Objects, Truth
 from mottrack.core.storage import write_text
 from mottrack.core.velocity_errors import VelocityErrorModel, read_error_models
@@ -50,13 +50,20 @@ def study_errors(experiment: Experiment, on_scene: OnScene = lambda *_: None) ->
     ]
     if not parts:
         raise DataError(
-            Path(scenes[0].result.name), "measured velocities", "none", "some of objects with truth"
+            Path(scenes[0].result.name),
+            f"velocities that {experiment.flow.kind} measured of objects with truth",
+            "0",
+            "some in one of the scenes",
         )
     sample = VelocitySample.stacked(parts)
     source = experiment.flow.make(grid=experiment.settings.grid.grid())
     key = getattr(source, "errors_name", experiment.flow.kind)
     moving = int((np.hypot(*sample.true_mps.T) > 1.0).sum())
-    model = fit_error_model(sample)
+    try:
+        model = fit_error_model(sample)
+    except InputError as error:
+        expected = f"{error.expected}: more or longer scenes"
+        raise InputError(f"{error.field} of {key}", error.value, expected) from error
     return ErrorStudy(key, model, len(sample.label), moving, sample.consistency)
 
 

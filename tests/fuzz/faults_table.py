@@ -14,7 +14,14 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.fuzz.faults import section_a, section_b, section_c, section_d, section_e
+from tests.fuzz.faults import (
+    section_a,
+    section_b,
+    section_c,
+    section_d,
+    section_e,
+    section_f,
+)
 from tests.fuzz.faults.printed import Faults
 from tests.fuzz.targets import write_all
 
@@ -24,6 +31,7 @@ SECTIONS: dict[str, Faults] = {
     "C. Once a traceback": section_c.FAULTS,
     "D. Hostile input": section_d.FAULTS,
     "E. Once a message that named too little": section_e.FAULTS,
+    "F. Studies, settings and parts of your own": section_f.FAULTS,
 }
 MOST = 420
 """Characters of a text: a few lines of a page; lists of scenes and samples may be longer."""

@@ -16,7 +16,7 @@ SLOW = ("A9 `config", "A11 KITTI", "B", "C8 in timings", "C12", "D2", "D3 weight
 """Rows that start processes, or take a second: their own tests are in tests/cli and tests/runs."""
 FOREIGN = ("Traceback", "Error(", "Errno", "codec can't", "Exceeds the limit", "`` |")
 """Of a traceback, of Python's own errors, and a row for which nothing was printed."""
-NUMBER = re.compile(r"([A-E]\d+) ")
+NUMBER = re.compile(r"([A-F]\d+) ")
 
 
 def shown() -> list[str]:

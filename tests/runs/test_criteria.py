@@ -62,6 +62,20 @@ def test_the_interval_decides(asked: Criterion, low: float, high: float, verdict
     assert len(list(unmet([judged]))) == 1 + (verdict != "met")
 
 
+@pytest.mark.parametrize(
+    ("asked", "reason"),
+    [
+        (criterion(run="icp"), "no run icp beside one without flow; there are: pillarflow"),
+        (criterion(metric="AMOTA"), "no run with the true flow, or its gain is not significant"),
+        (criterion(metric="AMOTA", measure="difference"), "pillarflow or zero has no AMOTA"),
+    ],
+)
+def test_what_is_not_measured_has_its_reason(asked: Criterion, reason: str) -> None:
+    (judged,) = judge([asked], [value(0.6, 0.7)])
+    assert judged.verdict == "not measured"
+    assert reason in judged.text
+
+
 def test_what_failed_is_told_first() -> None:
     judged = judge([criterion(claim="a"), criterion(claim="b", at_least=0.1)], [value(0.0, 0.4)])
     lines = list(unmet([*judged, replace(judged[0], verdict="met")]))

@@ -111,8 +111,9 @@ def test_a_wrong_plan_is_refused_in_one_line(tmp_path: Path, text: str, words: s
     assert "\n" not in str(refused.value).strip()
 
 
-def test_the_shipped_plan_is_well_formed() -> None:
-    plan = read_plan("recorded")
+@pytest.mark.parametrize("name", ["recorded", "peers"])
+def test_shipped_plans_are_well_formed(name: str) -> None:
+    plan = read_plan(name)
     assert plan.reference == "default"
     assert all(tracker.config is not None for tracker in plan.trackers.values())
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from mottrack.core.errors import ConfigError, ResultError
+from mottrack.core.errors import ConfigError, DataError, ResultError
 from mottrack.experiment.experiment import Experiment, load_experiments
 from mottrack.pipeline.scene_run import run_scene
 from mottrack.studies.tuning.objectives import OBJECTIVES
 from mottrack.studies.tuning.recorded import RecordedScene, record
-from mottrack.studies.tuning.search import Search, tune
+from mottrack.studies.tuning.search import Search, claim, tune
 from mottrack.studies.tuning.search_space import settings_of
 from mottrack.studies.tuning.tables import found_table, gain_table, tracker_yaml
 from mottrack.trackers import KalmanTracker
@@ -46,6 +46,8 @@ def search(experiment: Experiment, trials: int) -> Search:
 def test_an_interrupted_search_finds_the_same(
     experiment: Experiment, scenes: list[RecordedScene], tmp_path: Path
 ) -> None:
+    for folder in ("whole", "parts"):
+        claim(search(experiment, 4), 2, tmp_path / folder)
     whole = tune(search(experiment, 4), scenes, 2, tmp_path / "whole", lambda *_: None)
     tune(search(experiment, 2), scenes, 2, tmp_path / "parts", lambda *_: None)
     resumed = tune(search(experiment, 4), scenes, 2, tmp_path / "parts", lambda *_: None)
@@ -61,8 +63,18 @@ def test_an_interrupted_search_finds_the_same(
     assert KalmanTracker.Config(**written).association.gate == whole.best["association.gate"]
     assert len(gain_table(whole).rows) == len(whole.held_out)
     assert len(found_table(search(experiment, 4), whole).rows) == len(WANTED) + 1
-    with pytest.raises(ResultError, match="another"):
-        tune(search(experiment, 4), scenes, 3, tmp_path / "whole", lambda *_: None)
+
+
+def test_a_folder_of_another_search_is_refused(experiment: Experiment, tmp_path: Path) -> None:
+    claim(search(experiment, 4), 2, tmp_path)
+    claim(search(experiment, 60), 2, tmp_path)  # more trials of the same search
+    with pytest.raises(ResultError, match="folds is 2, expected 3, as this command has it"):
+        claim(search(experiment, 4), 3, tmp_path)
+    with pytest.raises(ConfigError, match="--folds is 5, expected at most 3, one for each scene"):
+        claim(search(experiment, 4), 5, tmp_path)
+    (tmp_path / "search.json").write_text("{")
+    with pytest.raises(DataError, match=r"search\.json"):
+        claim(search(experiment, 4), 2, tmp_path)
 
 
 def test_recorded_scenes_give_the_tracks_of_a_run(
@@ -85,11 +97,16 @@ def test_recorded_scenes_give_the_tracks_of_a_run(
         ("association.gate=9..1", "LOW below HIGH"),
         ("noise.classes", "give its range"),
         ("gate.x", "gate"),
+        ("association.metric=near|far", "metric is 'near', expected: .*'mahalanobis'"),
+        ("association.gate=-5..-1", "gate is -5.0, expected: .*greater than 0"),
+        ("association=1..5", "association is 1.0, expected: .*a valid dictionary"),
     ],
 )
 def test_unusable_settings_are_named(text: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         settings_of(KalmanTracker.Config(), [text])
+    with pytest.raises(ConfigError, match="given twice"):
+        settings_of(KalmanTracker.Config(), ["association.gate", "association.gate=1..2"])
 
 
 def test_ranges_come_from_the_models() -> None:

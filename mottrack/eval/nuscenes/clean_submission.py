@@ -29,6 +29,7 @@ from mottrack.eval.nuscenes.rules import MAX_BOXES_PER_SAMPLE, Rules
 from mottrack.eval.nuscenes.submission_checks import (
     FRAME_CHECK_BOXES,
     MAX_NUMBER,
+    MAX_VELOCITY_MPS,
     UNIT_TOLERANCE,
     VECTORS,
     in_ego_frame,
@@ -157,6 +158,7 @@ class _Reader:
 
     def _columns(self, table: pa.Table, sample: I64) -> dict[str, Any]:
         vectors = {name: _vectors(table[name], length) for name, length in VECTORS.items()}
+        velocity_mps = _vectors(table["velocity"], 2)
         score = _numbers(table["tracking_score"])
         norm = np.linalg.norm(vectors["rotation"], axis=1)
         names = table["tracking_name"].combine_chunks().dictionary_encode()
@@ -164,6 +166,7 @@ class _Reader:
         fine = (
             (vectors["size"] > 0).all()
             and all((np.abs(vectors[name]) <= most).all() for name, most in MAX_NUMBER.items())
+            and (np.abs(velocity_mps) <= MAX_VELOCITY_MPS).all()
             and (np.abs(norm - 1.0) <= UNIT_TOLERANCE).all()
             and ((score >= 0.0) & (score <= 1.0)).all()
             and set(known) <= set(self.rules.classes)
@@ -179,7 +182,7 @@ class _Reader:
             "centre_m": vectors["translation"],
             "score": score,
             "bev": seen_from_above(*(vectors[name] for name in VECTORS)),
-            "velocity_mps": _vectors(table["velocity"], 2),
+            "velocity_mps": velocity_mps,
             "id": table["tracking_id"].combine_chunks(),
         }
 

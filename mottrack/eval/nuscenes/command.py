@@ -167,14 +167,15 @@ def evaluate(
     """Write all files to `out` and yield the tables, one after the other.
 
     Raises:
-        SubmissionError: with every problem of a submission, before anything is computed.
+        SubmissionError: with every problem of a submission, before anything is written.
     """
     evaluation = run(request)
-    for line in _first_problems(evaluation.problems):
-        warn(line)
+    other = run(replace(request, submission=extras.compare)) if extras.compare else None
+    for one in (evaluation, other) if other else (evaluation,):
+        for line in _first_problems(one.problems):
+            warn(line)
     write(evaluation, out)
     yield format_table(evaluation.metrics)
-    other = run(replace(request, submission=extras.compare)) if extras.compare else None
     if extras.velocity:
         yield from _velocity(evaluation, other, out)
     if extras.picture:

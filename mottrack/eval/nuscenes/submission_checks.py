@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -30,6 +30,8 @@ _NUMBERS: dict[str, tuple[int, ...]] = {
 }
 MAX_NUMBER = {"translation": MAX_PLACE_M, "size": MAX_BOX_SIZE_M}
 """Metres; a quaternion's numbers are checked by its norm."""
+MAX_VELOCITY_MPS = 100.0
+"""Of each component: no road user is faster; displacements or other units are."""
 UNIT_TOLERANCE = 1e-3
 """Of a quaternion's norm: what a file with four decimals keeps."""
 FAR_FROM_EGO_M = 200.0
@@ -117,7 +119,7 @@ def is_clean(results: dict[str, list[Box]], rules: Rules) -> bool:
         and identities <= {str, int}
         and all(np.isfinite(columns[name]).all() for name in (*VECTORS, "tracking_score"))
         and all((np.abs(columns[name]) <= most).all() for name, most in MAX_NUMBER.items())
-        and not np.isinf(columns["velocity"]).any()
+        and not (np.abs(columns["velocity"]) > MAX_VELOCITY_MPS).any()
         and (columns["size"] > 0).all()
         and (np.abs(norm - 1.0) <= UNIT_TOLERANCE).all()
         and ((score >= 0.0) & (score <= 1.0)).all()
@@ -238,9 +240,12 @@ def _score(box: Box) -> Iterator[_Finding]:
 def _velocity(box: Box) -> Iterator[_Finding]:
     velocity = box.get("velocity")
     if not isinstance(velocity, list) or len(velocity) != 2:
-        yield _Finding("error", "velocity", f"{velocity!r} is not a list of 2 numbers")
-    elif any(isinstance(v, float) and math.isinf(v) for v in velocity):
-        yield _Finding("error", "velocity", f"{velocity} has infinity in it")
+        yield _Finding("error", "velocity", f"{shown(velocity)} is not a list of 2 numbers")
+    elif not all(v is None or (_is_number(v) and not math.isinf(v)) for v in velocity):
+        yield _Finding("error", "velocity", f"{shown(velocity)} has infinity or no number in it")
+    elif max(abs(v or 0.0) for v in velocity) > MAX_VELOCITY_MPS:
+        text = f"{shown(velocity)} is not within {MAX_VELOCITY_MPS:g} m/s"
+        yield _Finding("warning", "velocity", text)
 
 
 def _identity(box: Box) -> Iterator[_Finding]:
@@ -259,8 +264,12 @@ _BOX_CHECKS: tuple[Callable[[Box], Iterator[_Finding]], ...] = (
 )  # fmt: skip
 
 
+def _is_number(value: object) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return _is_number(value) and math.isfinite(value)
 
 
 def _is_vector(value: object, length: int) -> bool:

@@ -40,6 +40,8 @@ class SubmissionErrors:
     """Of each scene."""
     unknown: int
     """Boxes that are left out because their velocity is NaN."""
+    all_zero: bool
+    """Whether every known velocity is exactly zero: the tracker gives none."""
 
 
 def submission_errors(path: Path, tracks: Bodies, truth: GroundTruth) -> SubmissionErrors:
@@ -69,7 +71,8 @@ def submission_errors(path: Path, tracks: Bodies, truth: GroundTruth) -> Submiss
         label = bodies.names[bodies.label[here]]
         objects = np.where(objects == NO_OBJECT, NO_OBJECT, objects - first)
         scenes.append(samples_of(velocity_mps, objects, bodies.velocity_mps[here], label))
-    return SubmissionErrors(path, scenes, int(np.count_nonzero(~known)))
+    all_zero = bool(known.any() and not tracks.velocity_mps[known].any())
+    return SubmissionErrors(path, scenes, int(np.count_nonzero(~known)), all_zero)
 
 
 def _corners(bodies: Bodies) -> F64:
@@ -100,9 +103,14 @@ def velocity_text(errors: SubmissionErrors, content: dict[str, Any]) -> Iterator
 
 
 def unknown_text(errors: SubmissionErrors) -> Iterator[str]:
-    """Yield how many boxes are left out, if any."""
+    """Yield how many boxes are left out, if any, and whether no velocity was given."""
     if errors.unknown:
         yield f"{errors.path.name}: {errors.unknown} boxes have no velocity (NaN) and are left out"
+    if errors.all_zero:
+        yield (
+            f"{errors.path.name}: the velocity of every box is 0 (not measured?), so each error "
+            "is the object's own speed"
+        )
 
 
 def velocity_differences(

@@ -12,10 +12,11 @@ from typing import Any
 import torch
 from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from mottrack.core.errors import DataError
 from mottrack.core.printed import shown
+from mottrack.core.storage import write_bytes
 from mottrack.flow.pillarflow.calibration import Calibration
 from mottrack.flow.pillarflow.config import NetworkConfig
 from mottrack.flow.pillarflow.network import PillarFlowNet
@@ -51,10 +52,8 @@ def save_weights(file: Path, weights: Weights) -> None:
         "claim_half_m": repr(weights.calibration.half_m),
         "ground_removed": json.dumps(weights.ground_removed),
     }
-    temporary = file.with_suffix(".part")
     tensors = contiguous(weights.network.state_dict())
-    save_file(tensors, temporary, header | {"sha256": _digest(tensors)})
-    temporary.replace(file)
+    write_bytes(file, save(tensors, header | {"sha256": _digest(tensors)}))
 
 
 def load_weights(file: Path) -> Weights:

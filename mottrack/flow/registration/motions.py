@@ -79,13 +79,11 @@ class OddsWeights(NamedTuple):
     ratio: float
     """For the logarithm of the mean ratio of the cost of the motion to that of rest, which counts
     less where the points are few."""
-    correction: float
-    """For the distance of the fused velocity from the claim, as a share of the larger of both."""
     speed: float
     """For the logarithm of the fused speed, up to `_FAST_MPS`."""
 
 
-ODDS = OddsWeights(-1.02, 0.2, -4.57, -1.52, 1.02)
+ODDS = OddsWeights(-1.22, 0.18, -4.33, 1.1)
 """Fitted to the components of three recorded drives and eight scenes of the embedded world, with
 one to three past sweeps. `benchmarks/flow_evidence.py` fits them again and judges them on each
 drive left out."""
@@ -118,7 +116,7 @@ class ComponentMotions:
     points: I64
     """(K,) thinned points."""
     evidence: F64
-    """(K, 4) the numbers that `ODDS` weighs, in its order."""
+    """(K, 3) the numbers that `ODDS` weighs, in its order."""
     p_moving: F64
     """(K,) probability that the component moves."""
 
@@ -164,7 +162,7 @@ def component_motions(
     nowhere = np.zeros((labels.count, 3))
     claimed = np.column_stack([-past[0].elapsed_s * claims.velocity_mps, nowhere])
     everything = np.ones(labels.count, np.bool_)
-    first = _evidence(compared, [claimed], everything, _changes(claims, claims.velocity_mps))
+    first = _evidence(compared, [claimed], everything, claims.velocity_mps)
     wanted = _probability(first) > _HOPELESS
     start_mps, turn_radps = claims.velocity_mps, np.zeros(labels.count)
     fits: list[_Fit] = []
@@ -184,7 +182,7 @@ def component_motions(
         )
         for fit in fits
     ]
-    last = _evidence(compared, moved, wanted, _changes(claims, fusion.velocity_mps))
+    last = _evidence(compared, moved, wanted, fusion.velocity_mps)
     evidence = np.where(wanted[:, None], last, first)
     return ComponentMotions(
         velocity_mps=fusion.velocity_mps,
@@ -198,19 +196,9 @@ def component_motions(
 
 
 def _probability(evidence: F64) -> F64:
-    """Return (K,) the probability that each component moves, from its evidence (K, 4)."""
+    """Return (K,) the probability that each component moves, from its evidence (K, 3)."""
     p: F64 = 1.0 / (1.0 + np.exp(-ODDS.constant - evidence @ np.array(ODDS[1:])))
     return p
-
-
-def _changes(claims: Claims, velocity_mps: F64) -> F64:
-    """Return (K, 2) of fused velocities (K, 2) the last two numbers that `ODDS` weighs."""
-    speed_mps = np.hypot(*velocity_mps.T)
-    larger_mps = np.maximum(np.hypot(*claims.velocity_mps.T), speed_mps)
-    apart_mps = np.hypot(*(velocity_mps - claims.velocity_mps).T)
-    correction = apart_mps / np.maximum(larger_mps, _CLAIM_FLOOR_MPS)
-    speed = np.log(np.minimum(speed_mps, _FAST_MPS) + _LEAST_SPEED_MPS)
-    return np.column_stack([correction, speed])
 
 
 def _fit(rows: F64, elapsed_s: float) -> _Fit:
@@ -315,8 +303,8 @@ class _Compared(NamedTuple):
     """Points of a component."""
 
 
-def _evidence(compared: _Compared, motions: Sequence[F64], wanted: Mask, changes: F64) -> F64:
-    """Return (K, 4) the evidence of `motions`, (K, 5) for each scene, and of `changes` (K, 2)."""
+def _evidence(compared: _Compared, motions: Sequence[F64], wanted: Mask, fused_mps: F64) -> F64:
+    """Return (K, 3) the evidence of `motions`, (K, 5) for each scene, of velocities (K, 2)."""
     components, parts = compared.points.components, []
     for scene, motion in zip(compared.scenes, motions, strict=False):
         rows = motion_evidence(scene, components, motion, wanted, compared.most)
@@ -325,4 +313,5 @@ def _evidence(compared: _Compared, motions: Sequence[F64], wanted: Mask, changes
     mean: F64 = np.nan_to_num(np.mean(parts, axis=0))
     points = np.diff(components.spans)
     mean[:, 1] = np.log(np.maximum(mean[:, 1], _LEAST_RATIO)) * points / (points + _FEW_POINTS)
-    return np.column_stack([mean, changes])
+    speed_mps = np.minimum(np.hypot(*fused_mps.T), _FAST_MPS)
+    return np.column_stack([mean, np.log(speed_mps + _LEAST_SPEED_MPS)])

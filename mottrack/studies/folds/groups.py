@@ -66,7 +66,7 @@ class RecordedGroup:
         Raises:
             DataError: a file is missing or damaged, or has nothing of a scene.
         """
-        paths = [data / path for path in self.group.tracks[name]]
+        paths = self.group.stored(name, data)
         if self.group.rules == "kitti":
             return KittiJudge({scene: self._stored_files(scene, paths) for scene in self.names})
         files = [TrackingFile(path) for path in paths]
@@ -89,7 +89,10 @@ def record_group(group: Group, data: Path, on_scene: OnScene) -> RecordedGroup:
     experiments = group.experiments(data)
     scenes, cameras, labels = {}, {}, {}
     for name, experiment in experiments.items():
-        (scenes[name],) = record(experiment)
+        try:
+            (scenes[name],) = record(experiment)
+        except ConfigError as error:
+            raise ConfigError(f"group {group.name}: {error}") from error
         if group.rules == "kitti":
             cameras[name] = _camera(group, experiment, name)
             labels[name] = read_boxes(_labels(experiment, name))

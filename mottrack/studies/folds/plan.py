@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
 from mottrack.config import StrictModel
-from mottrack.core.errors import ConfigError, DataError, unknown_name
+from mottrack.core.errors import ConfigError, DataError, no_such_file
 from mottrack.experiment.configs import shipped_folder
 from mottrack.experiment.experiment import Experiment, load_experiments
 from mottrack.experiment.plugins import Part, load_part
 from mottrack.experiment.validation_message import format_validation_error
+from mottrack.formats.files import inside
 from mottrack.formats.yaml_file import read_yaml
 
 Rules = Literal["nuscenes", "kitti"]
@@ -31,7 +32,7 @@ class Group(StrictModel):
     scenes: dict[str, list[str]] = Field(
         min_length=1, description="scene to overrides of its own, such as its file of detections"
     )
-    tracks: dict[str, list[Path]] = Field(
+    tracks: dict[str, Annotated[list[Path], Field(min_length=1)]] = Field(
         default={},
         description="stored output of other trackers below the folder of all data: a submission "
         "(nuscenes), folders of text files (kitti)",
@@ -42,13 +43,32 @@ class Group(StrictModel):
 
         Raises:
             ConfigError: a setting is wrong, or there are several variants.
+            DataError: a path leads out of the folder of all data.
         """
         return {scene: self._experiment(scene, data) for scene in self.scenes}
 
+    def stored(self, name: str, data: Path) -> list[Path]:
+        """Return the files (nuscenes) or folders (kitti) of another tracker's stored output.
+
+        Raises:
+            DataError: one is missing, or leads out of the folder of all data.
+        """
+        paths = [inside(data, str(path), follow_links=True) for path in self.tracks[name]]
+        texts = [folder / f"{scene}.txt" for folder in paths for scene in self.scenes]
+        for file in texts if self.rules == "kitti" else paths:
+            if not file.is_file():
+                raise DataError(file, "file", "missing", f"the tracks of {name}")
+        return paths
+
     def _experiment(self, scene: str, data: Path) -> Experiment:
-        root = [] if self.root is None else [f"dataset.root={data / self.root}"]
+        root = []
+        if self.root is not None:
+            root = [f"dataset.root={inside(data, str(self.root), follow_links=True)}"]
         own = [*root, *self.overrides, *self.scenes[scene]]
-        found = load_experiments(self.experiment, [*own, f'scenes=["{scene}"]'])
+        try:
+            found = load_experiments(self.experiment, [*own, f'scenes=["{scene}"]'])
+        except ConfigError as error:
+            raise ConfigError(f"group {self.name}: {error}") from error
         if len(found) > 1:
             names = ", ".join(one.variant for one in found)
             raise ConfigError(f"group {self.name}: {len(found)} variants ({names}), expected one")
@@ -79,14 +99,18 @@ class Plan(StrictModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        known = ", ".join(self.variants)
         for name in self.choose:
             if name not in self.variants:
-                raise ValueError(
-                    f"choose names {name}, which is none of {', '.join(self.variants)}"
-                )
+                raise ValueError(f"choose to name variants ({known}), found '{name}'")
         names = [group.name for group in self.groups]
         if len(set(names)) < len(names):
-            raise ValueError(f"groups are {', '.join(names)}, expected a name each")
+            raise ValueError(f"groups of a name each, found {', '.join(names)}")
+        for group in self.groups:
+            for name in group.tracks:
+                if name in self.variants:
+                    text = f"tracks of other names than the variants ({known})"
+                    raise ValueError(f"{text}, found '{name}' in group {group.name}")
         return self
 
     @property
@@ -96,10 +120,13 @@ class Plan(StrictModel):
         Raises:
             ConfigError: a setting is wrong.
         """
-        return {
-            name: load_part("tracker", {"kind": self.tracker, **settings})
-            for name, settings in self.variants.items()
-        }
+        made = {}
+        for name, settings in self.variants.items():
+            try:
+                made[name] = load_part("tracker", {"kind": self.tracker, **settings})
+            except ConfigError as error:
+                raise ConfigError(f"variants.{name}: {error}") from error
+        return made
 
     @property
     def reference(self) -> str:
@@ -123,7 +150,7 @@ def read_plan(name: str) -> Plan:
     shipped = {path.stem: path for path in sorted((shipped_folder() / "folds").glob("*.yaml"))}
     path = Path(name) if Path(name).is_file() else shipped.get(name)
     if path is None:
-        raise unknown_name("plan", name, shipped)
+        raise no_such_file("study on folds", name, shipped)
     tree = read_yaml(path)
     if not tree:
         raise DataError(path, "content", "no setting at all", "groups and variants")
@@ -132,5 +159,6 @@ def read_plan(name: str) -> Plan:
     except ValidationError as error:
         raise ConfigError(f"{path}: {format_validation_error(error, Plan)}") from error
     if plan.folds > len(plan.fold_of):
-        raise ConfigError(f"{path}: folds is {plan.folds}, expected at most {len(plan.fold_of)}")
+        most = f"{len(plan.fold_of)}, the number of scenes"
+        raise ConfigError(f"{path}: folds is {plan.folds}, expected at most {most}")
     return plan

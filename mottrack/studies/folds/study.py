@@ -80,7 +80,8 @@ def study(plan: Plan, data: Path, on_step: OnStep) -> Outcome:
         DataError: data or stored tracks are damaged or absent.
     """
     trackers = plan.trackers
-    groups = tuple(record_group(group, data, on_step) for group in plan.groups)
+    _require_files(plan, data)
+    groups = tuple(record_group(one, data, on_step) for one in plan.groups)
     work = _Work(plan, groups)
     for name, tracker in trackers.items():
         work.add(name, [group.tracked(tracker) for group in groups])
@@ -90,9 +91,9 @@ def study(plan: Plan, data: Path, on_step: OnStep) -> Outcome:
     if chosen:
         rows += [work.row(g, CHOSEN, work.chosen_judge(g, chosen)) for g in range(len(groups))]
         on_step("choice on folds")
-    for g, group in enumerate(groups):
-        for name in group.group.tracks:
-            rows.append(work.row(g, name, group.stored(name, data)))
+    for g, recorded in enumerate(groups):
+        for name in recorded.group.tracks:
+            rows.append(work.row(g, name, recorded.stored(name, data)))
             on_step(f"stored tracks {name}")
     order = {group.name: k for k, group in enumerate(plan.groups)}
     ordered = tuple(sorted(rows, key=lambda row: order[row.group]))
@@ -101,12 +102,25 @@ def study(plan: Plan, data: Path, on_step: OnStep) -> Outcome:
     consistency: list[ConsistencyRow] = []
     if plan.detector:
         config = kalman_config(trackers[plan.reference])
-        for group in groups:
-            folds = list(folds_of(group, plan.fold_of))
-            detector += detector_rows(group, folds, config)
-            consistency += consistency_rows(group, folds, config)
-            on_step(f"detector of {group.group.name}")
+        for recorded in groups:
+            folds = list(folds_of(recorded, plan.fold_of))
+            detector += detector_rows(recorded, folds, config)
+            consistency += consistency_rows(recorded, folds, config)
+            on_step(f"detector of {recorded.group.name}")
     return Outcome(ordered, chosen, transfers, tuple(detector), tuple(consistency))
+
+
+def _require_files(plan: Plan, data: Path) -> None:
+    """Refuse settings and missing stored tracks before minutes of work.
+
+    Raises:
+        ConfigError: a setting is wrong.
+        DataError: a file is missing.
+    """
+    for group in plan.groups:
+        group.experiments(data)
+        for name in group.tracks:
+            group.stored(name, data)
 
 
 class _Work:

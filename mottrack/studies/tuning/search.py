@@ -20,6 +20,8 @@ from mottrack.eval.paired import PairedDifference
 from mottrack.eval.scores import ScoreConfig
 from mottrack.experiment.experiment import Experiment
 from mottrack.experiment.plugins import Part, load_part
+from mottrack.formats.json_text import parse_json
+from mottrack.runs.runner import scene_names
 from mottrack.studies.tuning.objectives import OBJECTIVES, Objective, differences
 from mottrack.studies.tuning.recorded import RecordedScene, tracked
 from mottrack.studies.tuning.search_space import Setting, Value, changed
@@ -99,14 +101,13 @@ def tune(
     The trials are stored in `out`, so that an interrupted search goes on where it stopped and finds
     the same. Scene k belongs to fold k modulo `folds`.
 
-    Raises:
-        ConfigError: there are fewer than two scenes, or folds.
-        ResultError: `out` holds the trials of another search.
+    Args:
+        search: what is sought.
+        scenes: its scenes, recorded.
+        folds: as `claim` has allowed.
+        out: folder that `claim` has taken.
+        on_trial: receives the progress.
     """
-    folds = min(folds, len(scenes))
-    if folds < 2:
-        raise ConfigError(f"{len(scenes)} scenes in {folds} folds; expected at least 2 of each")
-    _claim(search, scenes, folds, out)
     default: list[SceneResult] = tracked(scenes, search.experiment.tracker)
     held_out: list[SceneResult] = list(default)
     outcomes = []
@@ -128,21 +129,33 @@ def tune(
     return Tuned(tuple(finite), tuple(outcomes), best)
 
 
-def _claim(search: Search, scenes: Sequence[RecordedScene], folds: int, out: Path) -> None:
-    """Write down what is sought, or check that it is what the folder's trials belong to."""
+def claim(search: Search, folds: int, out: Path) -> None:
+    """Write down what is sought, or check that it is what the folder's trials belong to.
+
+    Raises:
+        ConfigError: there are fewer scenes than folds.
+        ResultError: `out` holds the trials of another search.
+    """
+    names = list(scene_names(search.experiment))
+    if len(names) < folds:
+        raise ConfigError(f"--folds is {folds}, expected at most {len(names)}, one for each scene")
     identity = {
         "experiment": search.experiment.hash,
         "settings": [setting.described() for setting in search.settings],
         "objective": search.objective.name,
         "seed": search.seed,
         "folds": folds,
-        "scenes": [scene.result.name for scene in scenes],
+        "scenes": names,
     }
-    text = json.dumps(identity, indent=1) + "\n"
     file = out / "search.json"
-    if file.exists() and file.read_text(encoding="utf-8") != text:
-        raise ResultError(file, "search", "another one", "the same search, or an empty --out")
-    write_text(file, text)
+    if file.exists():
+        kept = parse_json(file, file.read_bytes(), "the search of an interrupted command")
+        kept = kept if isinstance(kept, dict) else {}
+        for name, value in identity.items():
+            if kept.get(name) != value:
+                expected = f"{value}, as this command has it, or an empty --out"
+                raise ResultError(file, name, kept.get(name), expected)
+    write_text(file, json.dumps(identity, indent=1) + "\n")
 
 
 def _best(search: Search, scenes: Sequence[RecordedScene], log: Path, on_trial: OnTrial) -> Values:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
+from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
 from mottrack.config import StrictModel
@@ -58,12 +60,16 @@ def settings_of(config: StrictModel, wanted: Sequence[str]) -> list[Setting]:
     """
     if not wanted:
         raise ConfigError("no setting to tune; expected --setting KEY, KEY=LOW..HIGH or KEY=A|B")
-    found = []
+    found: list[Setting] = []
     for text in wanted:
         path, _, values = text.partition("=")
+        if any(path == setting.path for setting in found):
+            raise ConfigError(f"--setting {path} is given twice, expected each key once")
         owner, name = _owner(config, path)
         field = type(owner).model_fields[name]
-        found.append(_setting(path, getattr(owner, name), field, values))
+        setting = _setting(path, getattr(owner, name), field, values)
+        _check_values(setting, field)
+        found.append(setting)
     return found
 
 
@@ -95,7 +101,7 @@ def _owner(config: StrictModel, path: str) -> tuple[StrictModel, str]:
 
 def _check(owner: StrictModel, key: str, path: str) -> None:
     if key not in type(owner).model_fields:
-        raise unknown_name(f"--setting {path}", key, type(owner).model_fields)
+        raise unknown_name("key of --setting", path or "''", type(owner).model_fields)
 
 
 def _setting(path: str, current: Any, field: FieldInfo, values: str) -> Setting:
@@ -114,6 +120,22 @@ def _setting(path: str, current: Any, field: FieldInfo, values: str) -> Setting:
             f"--setting {path}: its value is {current!r}; give its range, {path}=LOW..HIGH or A|B"
         )
     return _number(path, current, *_bounds(field, float(current), path))
+
+
+def _check_values(setting: Setting, field: FieldInfo) -> None:
+    """Refuse a choice, or an end of a range, that the configuration model refuses for its key."""
+    ends: tuple[Value, ...] = (setting.low, setting.high)
+    if setting.whole:
+        ends = math.ceil(setting.low), math.floor(setting.high)
+    kind: Any = Annotated[field.annotation, field]
+    accepted: TypeAdapter[Any] = TypeAdapter(kind)
+    for value in setting.choices or ends:
+        try:
+            accepted.validate_python(value)
+        except ValidationError as error:
+            expected = error.errors()[0]["msg"].lower()
+            text = f"--setting {setting.described()}: {setting.path} is {value!r}, expected"
+            raise ConfigError(f"{text}: {expected}") from error
 
 
 def _choices(annotation: Any) -> tuple[Value, ...]:

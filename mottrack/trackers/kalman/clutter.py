@@ -27,7 +27,7 @@ class ClutterDensity:
 
     def __init__(self, config: AssociationConfig) -> None:
         self._config = config
-        self._count = np.zeros(0)
+        self._count, self._stated = np.zeros(0), np.zeros(0)
         self._area_m2 = 0.0
 
     def nll_gate(self, labels: list[str], area_m2: float) -> F64:
@@ -51,12 +51,14 @@ class ClutterDensity:
         default = config.clutter_density_per_m2
         if default is None:
             return None
-        by_class = config.class_clutter_density_per_m2
-        density = np.array([by_class.get(name, default) for name in labels])
+        if len(self._stated) != len(labels):  # there are new classes
+            by_class = config.class_clutter_density_per_m2
+            self._stated = np.array([by_class.get(name, default) for name in labels])
+            self._count = np.append(self._count, np.zeros(len(labels) - len(self._count)))
+        density = self._stated
         if config.estimate_clutter:
             prior_m2 = config.clutter_prior_frames * area_m2
-            count = np.append(self._count, np.zeros(len(labels) - len(self._count)))
-            density = (count + density * prior_m2) / (self._area_m2 + prior_m2)
+            density = (self._count + density * prior_m2) / (self._area_m2 + prior_m2)
         return density
 
     def record(self, label: I64, classes: int, area_m2: float) -> None:

@@ -72,7 +72,8 @@ class NoiseTable:
 
     def rows(self, index: I64) -> NoiseRows:
         """Return the noise of rows with those class indices (N,)."""
-        return self._packed.select(index)
+        packed = self._packed
+        return NoiseRows(*(getattr(packed, name).take(index, axis=0) for name in packed.__slots__))
 
     def process(self, index: I64) -> F64:
         """Return the process noise (N, 11) per unit of time of those class indices (N,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from mottrack.compiled import compiled
 from mottrack.core.arrays import F64, I64, Mask
 from mottrack.trackers.kalman.config import AssociationConfig
 
@@ -43,33 +44,48 @@ class ScoreEvidence:
             self._sums = np.zeros((0, 2, 3))
         if not self._are_probabilities:
             return score
-        likely = np.clip(score, LEAST_DOUBT, 1.0 - LEAST_DOUBT)
+        likely = np.minimum(np.maximum(score, LEAST_DOUBT), 1.0 - LEAST_DOUBT)
         found: F64 = np.log(likely / (1.0 - likely))
         return found
 
     def weight(self, classes: int) -> F64:
         """Return w of each class (C,), at least 0."""
-        prior = self._config.score_weight
-        weight = np.full(classes, prior)
-        known = len(self._sums)
-        if known:
-            count, total, squares = np.moveaxis(self._sums, 2, 0)
-            mean = total / np.maximum(count, 1.0)
-            spread = (squares - count * mean**2).sum(axis=1) / np.maximum(count.sum(axis=1), 1.0)
-            found = (mean[:, TAKEN] - mean[:, LEFT]) / np.maximum(spread, LEAST_VARIANCE)
-            rarer = count.min(axis=1)
-            share = rarer / (rarer + self._config.score_prior_detections)
-            weight[:known] += share * (found - prior)
-        positive: F64 = np.maximum(weight, 0.0)
-        return positive
+        self._grow(classes)
+        config = self._config
+        return _weights(self._sums, config.score_weight, config.score_prior_detections)
 
     def record(self, label: I64, log_odds: F64, left: Mask, classes: int) -> None:
         """Count the detections (n,) of a step; `left` says which of them no track took."""
-        if not self._config.estimate_score_weight:
-            return
-        kind = 2 * label + np.where(left, LEFT, TAKEN)
-        powers = (np.ones_like(log_odds), log_odds, log_odds**2)
-        counted = [np.bincount(kind, p, minlength=2 * classes) for p in powers]
-        sums: F64 = np.stack(counted, axis=1, dtype=np.float64).reshape(classes, 2, 3)
-        sums[: len(self._sums)] += self._sums
-        self._sums = sums
+        if self._config.estimate_score_weight:
+            self._grow(classes)
+            _count(self._sums, label, log_odds, left)
+
+    def _grow(self, classes: int) -> None:
+        new = classes - len(self._sums)
+        if new > 0:
+            self._sums = np.concatenate([self._sums, np.zeros((new, 2, 3))])
+
+
+@compiled
+def _weights(sums: F64, prior: float, prior_detections: float) -> F64:
+    weight = np.empty(len(sums))
+    for c in range(len(sums)):
+        left, taken = sums[c, LEFT], sums[c, TAKEN]
+        rarer = min(left[0], taken[0])
+        found = prior
+        if rarer > 0.0:
+            difference = taken[1] / taken[0] - left[1] / left[0]
+            squares = taken[2] - taken[1] ** 2 / taken[0] + left[2] - left[1] ** 2 / left[0]
+            found = difference / max(squares / (taken[0] + left[0]), LEAST_VARIANCE)
+        share = rarer / (rarer + prior_detections)
+        weight[c] = max(prior + share * (found - prior), 0.0)
+    return weight
+
+
+@compiled
+def _count(sums: F64, label: I64, log_odds: F64, left: Mask) -> None:
+    for i in range(len(label)):
+        kind = LEFT if left[i] else TAKEN
+        sums[label[i], kind, 0] += 1.0
+        sums[label[i], kind, 1] += log_odds[i]
+        sums[label[i], kind, 2] += log_odds[i] ** 2

@@ -55,3 +55,26 @@ def test_the_velocity_error_may_be_left_out(golden: dict[str, Any], tmp_path: Pa
     output = run(golden["base_s11_n3"], tmp_path, "--no-picture", "--no-velocity-error")
     assert "velocity" not in output
     assert not (tmp_path / "velocity_error.json").exists()
+
+
+def test_a_second_submission_is_checked_like_the_first(
+    golden: dict[str, Any], tmp_path: Path
+) -> None:
+    case = golden["base_s11_n3"]
+    content = json.loads((case.data / "submission.json").read_text())
+    for boxes in content["results"].values():
+        for box in boxes:
+            box["velocity"] = [0.0, 0.0]
+    standing, other_split = tmp_path / "standing.json", tmp_path / "other_split.json"
+    standing.write_text(json.dumps(content))
+    output = run(case, tmp_path / "out", "--no-picture", "--compare", str(standing))
+    assert "standing.json: the velocity of every box is 0" in output
+    next(boxes for boxes in content["results"].values() if boxes)[0]["velocity"] = [300.0, 0.0]
+    standing.write_text(json.dumps(content))
+    output = run(case, tmp_path / "out", "--no-picture", "--compare", str(standing), code=3)
+    assert "velocity: [300.0, 0.0] is not within 100 m/s" in output
+    results = {f"x{token}": [] for token in content["results"]}
+    other_split.write_text(json.dumps(content | {"results": results}))
+    with pytest.raises(SubmissionError, match="not in split"):
+        run(case, tmp_path / "none", "--no-picture", "--compare", str(other_split))
+    assert not (tmp_path / "none").exists()

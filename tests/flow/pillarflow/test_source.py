@@ -255,6 +255,7 @@ def test_unusable_weights_are_named(file: Path, tmp_path: Path) -> None:
     weights = _weights()
     weights.network.encoder.linear.weight = torch.nn.Parameter(torch.zeros(9, 9))
     save_weights(shaped, weights)
+    assert shaped.stat().st_mode & 0o444 == 0o444  # others of the machine can read them
     infinite = tmp_path / "infinite.safetensors"
     weights = _weights()
     weights.network.encoder.linear.weight.data[0, 0] = torch.inf

@@ -67,7 +67,8 @@ class Plots {
         const points = curve.requested.map((x, k) => [x, curve[key][k]]).filter(([, y]) => y !== null);
         return this.line(run, points);
       });
-      const top = Math.max(...series.flatMap((s) => s.points.map(([, y]) => y)), 1e-3);
+      const least = key === "ids" ? 1 : 1e-3;  // a count of none needs no axis of fractions
+      const top = Math.max(...series.flatMap((s) => s.points.map(([, y]) => y)), least);
       const yEnd = key === "mota" || key === "precision" ? 1 : top * 1.08;
       return lineChart({ title, unit, xLabel: "requested recall", xEnd: 1, yEnd, series, read: number });
     }));
