@@ -26,6 +26,7 @@ def run_cli(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedPro
     [
         ("import mottrack", "scipy pydantic yaml typer torch gtsam numba matplotlib"),
         ("import mottrack.cli", "scipy pydantic torch gtsam numba matplotlib"),
+        ("import mottrack.studies.example_sets", "torch gtsam matplotlib"),
     ],
 )
 def test_importing_loads_no_heavy_library(statement: str, forbidden: str) -> None:
