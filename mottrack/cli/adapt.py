@@ -38,10 +38,11 @@ def adapt(
 
     Example: mottrack adapt demo dataset.sensor=ring64 --out my/street.safetensors
     """
-    from mottrack.core.errors import ConfigError
+    from mottrack.core.errors import ConfigError, require_out_folder
 
     if out.suffix != ".safetensors":
         raise ConfigError(f"--out is {out}, expected a name that ends in .safetensors")
+    require_out_folder(out.parent)
     typer.echo(f"adapt: work folder {out.with_suffix('.work')}", err=True)  # torch loads slowly
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.adaptation.adapt import adapt as tune_to_logs

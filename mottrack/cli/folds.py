@@ -27,13 +27,13 @@ def folds(
 
     Example: mottrack folds recorded --data path/to/data --out out/folds
     """
-    from mottrack.core.errors import ConfigError, require_folder_or_nothing
+    from mottrack.core.errors import ConfigError, require_out_folder
     from mottrack.formats.text_table import write_tables
     from mottrack.studies.folds.plan import read_plan
     from mottrack.studies.folds.study import study
     from mottrack.studies.folds.tables import tables_of
 
-    require_folder_or_nothing(out)
+    require_out_folder(out)
     wanted = read_plan(plan)
     try:
         outcome = study(wanted, data, lambda text: typer.echo(text, err=True))

@@ -47,11 +47,13 @@ def estimate_noise(
 
     Example: mottrack estimate-noise demo flow=icp --out tracker/mine.yaml
     """
+    from mottrack.core.errors import require_out_folder
     from mottrack.core.storage import write_text
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.detector_model import counts_table, rate_table
     from mottrack.studies.tracker_noise import study_noise
 
+    require_out_folder(out.parent)
     experiments = load_experiments(config, overrides or [])
     for experiment in experiments:
         study = study_noise(experiment, _progress, innovations=innovations)
@@ -76,10 +78,12 @@ def calibrate_errors(
 
     Example: mottrack calibrate-errors velocity_errors flow=pillarflow --out errors.json
     """
+    from mottrack.core.errors import require_out_folder
     from mottrack.core.velocity_errors import read_error_models
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.velocity_errors import store, study_errors
 
+    require_out_folder(out.parent)
     if out.exists():
         read_error_models(out)  # a file that is damaged is refused before anything is measured
     for experiment in load_experiments(config, overrides or []):

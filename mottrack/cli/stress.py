@@ -30,12 +30,13 @@ def stress(
 
     Example: mottrack stress demo flow=zero tracker=kalman --kinds dropout,jitter --out out/stress
     """
-    from mottrack.core.errors import unknown_name
+    from mottrack.core.errors import require_out_folder, unknown_name
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.stress.damage import DAMAGES
     from mottrack.studies.stress.report import write_outputs
     from mottrack.studies.stress.study import Plan, outcomes
 
+    require_out_folder(out)
     chosen = [kind.strip() for kind in kinds.split(",")] if kinds else list(DAMAGES)
     for kind in chosen:
         if kind not in DAMAGES:

@@ -55,9 +55,11 @@ def train(  # noqa: PLR0913
     Example: mottrack train train_base steps=2000 --out runs/base
     """
     from mottrack.cli.work_bar import WorkBar
+    from mottrack.core.errors import require_out_folder
     from mottrack.flow.pillarflow.training.shards import Shards
     from mottrack.flow.pillarflow.training.trainer import run
 
+    require_out_folder(out)
     settings = _read(config, overrides or [])
     folder = _examples(settings.examples, examples, Where(workers, cluster, results))
     training, held_out = Shards(folder / "training"), Shards(folder / "validation")

@@ -48,7 +48,7 @@ def tune(  # noqa: PLR0913
     --setting track_management.p_detection --out out/tune
     """
     from mottrack.config import StrictModel
-    from mottrack.core.errors import ConfigError, require_folder_or_nothing, unknown_name
+    from mottrack.core.errors import ConfigError, require_out_folder, unknown_name
     from mottrack.experiment.experiment import load_experiments
     from mottrack.studies.tuning.objectives import OBJECTIVES
     from mottrack.studies.tuning.recorded import record
@@ -56,7 +56,7 @@ def tune(  # noqa: PLR0913
     from mottrack.studies.tuning.search import tune as search_folds
     from mottrack.studies.tuning.search_space import settings_of
 
-    require_folder_or_nothing(out)
+    require_out_folder(out)
     if objective not in OBJECTIVES:
         raise unknown_name("objective", objective, OBJECTIVES)
     experiments = load_experiments(config, overrides or [])

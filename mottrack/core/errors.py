@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
@@ -68,14 +69,18 @@ def require_exists(path: Path, expected: str = "a file or folder") -> None:
         raise ConfigError(f"{shown(path, MAX_PATH_SHOWN)} does not exist, expected {expected}")
 
 
-def require_folder_or_nothing(path: Path) -> None:
-    """Refuse a path for results at which there is a file.
+def require_out_folder(path: Path) -> None:
+    """Refuse a path at which no folder for results can be, before anything is computed.
 
     Raises:
-        ConfigError: there is one.
+        ConfigError: it is a file, lies below one, or nothing may be written there.
     """
-    if path.exists() and not path.is_dir():
-        raise ConfigError(f"--out is {shown(path, MAX_PATH_SHOWN)}, a file, expected a folder")
+    nearest = next((at for at in (path, *path.absolute().parents) if at.exists()), path)
+    given, found = (shown(at, MAX_PATH_SHOWN) for at in (path, nearest))
+    if not nearest.is_dir():
+        raise ConfigError(f"--out is {given}, but {found} is a file, expected a folder")
+    if not os.access(nearest, os.W_OK):
+        raise ConfigError(f"--out is {given}, but {found} is read-only, expected a folder")
 
 
 def no_such_file(kind: str, name: str, shipped: Iterable[str]) -> ConfigError:

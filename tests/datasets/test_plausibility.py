@@ -151,6 +151,13 @@ def test_what_is_unlikely_is_told(fault: str) -> None:
     assert any(re.search(message, text) for text in found), found
 
 
+def test_a_detector_that_found_nothing_is_told() -> None:
+    nothing = watched(lambda _, f: replace(f, detections=Objects.empty(f.stamp_ns)))
+    assert len(nothing) == 1
+    assert nothing[0].startswith(f"key frames without a detection: {FRAMES}")
+    assert watched(lambda _, f: replace(f, detections=None)) == []  # no detector, no concern
+
+
 def test_mirrored_points_leave_boxes_empty(written_roots) -> None:
     from mottrack.datasets.kitti.config import KittiConfig
     from mottrack.datasets.kitti.dataset import Kitti

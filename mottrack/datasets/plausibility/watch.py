@@ -13,6 +13,8 @@ from mottrack.lidar.in_boxes import points_in_boxes
 
 NEAR_M = 40.0
 """Within it a box of a data set's class holds returns unless something hides it."""
+FEWEST_KEY_FRAMES = 10
+"""A second at 10 Hz, five at 2 Hz: in fewer a road may well be empty."""
 
 
 def scene_concerns(scene: SeenScene) -> list[Concern]:
@@ -59,6 +61,7 @@ class SceneWatch:
         if self._frames:
             found += scene_concerns(SeenScene.of_frames(self._frames, self._classes))
             found += self._without_returns()
+            found += self._without_detections()
         return found
 
     def _count(self, numbers: list[int], boxes: Boxes, frame: Frame, sweep: Sweep) -> None:
@@ -67,6 +70,14 @@ class SceneWatch:
         inside = points_in_boxes(sweep.xyz_m, ego.centre_m, ego.size_m, ego.yaw_rad)
         numbers[0] += len(ego)
         numbers[1] += int(np.count_nonzero(np.diff(inside.start) == 0))
+
+    def _without_detections(self) -> list[Concern]:
+        """Return a concern if a detector found nothing in any of many key frames."""
+        found = [f.detections for f in self._frames if f.is_key and f.detections is not None]
+        if len(found) < FEWEST_KEY_FRAMES or any(map(len, found)):
+            return []
+        text = f"at frame {found[0].stamp_ns}: no frame of the scene has a detection"
+        return [Concern("key frames without a detection", len(found), text)]
 
     def _without_returns(self) -> list[Concern]:
         found = []

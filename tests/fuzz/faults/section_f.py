@@ -127,6 +127,9 @@ FAULTS: Faults = {
     "F4 a flow source of your own: a field of another stamp": own_flow("stamp"),
     "F5 `eval nuscenes`: a velocity of texts": velocities(["a", "b"]),
     "F5 `eval nuscenes`: a velocity of 3,000 m/s": velocities([3000.0, 0.0]),
+    "F6 a path for results below a file": command(
+        "train", "train_small", "--out", "{root}/submission.json/run"
+    ),
     "F6 a path for results at which a file is": command(
         "folds", "recorded", "--data", "{root}", "--out", "{root}/submission.json"
     ),
