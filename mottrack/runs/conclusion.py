@@ -42,7 +42,8 @@ def conclusion(comparison: Comparison) -> str:
         told = _told(parts, ERROR) if judged else "tracked, not scored."
         return f"{_scenes(runs)} without truth: {told}"
     if not parts:
-        return _alone(runs[0])
+        others = "all others were given the truth" if runs[1:] else "one run alone compares nothing"
+        return f"{_alone(runs[0])}; {others}."
     key = next((k for k in NAMES if any(_row(part, k) for part in parts)), None)
     if key is None:
         return f"{_scenes(runs)}: no metric that all runs have."
@@ -79,7 +80,7 @@ def _alone(run: ScoredRun) -> str:
     parts = [f"{NAMES[AMOTA]} {figures.amota:.3f}"] if figures.amota == figures.amota else []
     parts.append(f"MOTA {figures.as_dict()['mota']:.3f}")
     parts += [f"velocity error {error:.3f} m/s"] if error == error else []
-    return f"{run.title}, {_scenes([run])}: {', '.join(parts)}; one run alone compares nothing."
+    return f"{run.title}, {_scenes([run])}: {', '.join(parts)}"
 
 
 def _row(part: RunDifferences, key: MetricKey) -> PairedDifference | None:
