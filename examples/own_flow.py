@@ -45,3 +45,7 @@ class BlobFlow(FlowSourceBase):
         col_row = np.array(row_col).reshape(-1, 2)[:, ::-1]
         xy_m = self.grid.x_min_m + (col_row + 0.5) * self.grid.cell_m
         return label, np.vstack([[1e6, 1e6], xy_m])  # blob 0 is the background: out of reach
+
+
+if __name__ == "__main__":
+    print(__doc__)  # it is loaded by name: the command is there

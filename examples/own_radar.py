@@ -42,3 +42,7 @@ class RadarBoxes(ObjectSourceBase):
         along = VelocityMeasurement.along(beam, speed_mps, variance_m2ps2)
         measured = VelocityMeasurement(along.mean_mps, along.covariance_m2ps2, seen)
         return boxes.with_velocity(measured)
+
+
+if __name__ == "__main__":
+    print(__doc__)  # it is loaded by name: the command is there

@@ -60,3 +60,7 @@ class NearestTracker:
         moved_m = objects.centre_m[new, :2] - self.last.centre_m[old, :2]
         velocity_mps[new] = moved_m / elapsed_s
         return ids, velocity_mps
+
+
+if __name__ == "__main__":
+    print(__doc__)  # it is loaded by name: the command is there
