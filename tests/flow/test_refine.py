@@ -72,43 +72,26 @@ def test_of_slow_cells_the_points_decide(street_of, speed_mps):
     np.testing.assert_array_equal(refined.valid, field.valid)
 
 
-def of_new_points(street, place_m, count, velocity_mps):
-    """The claim of an object of so many points that stands in the current sweep alone.
-
-    Returns the pair, the field, and the object's rows and columns.
-    """
-    rng, now = np.random.default_rng(0), street.sweep(NOW)
-    object_m = np.array(place_m) + rng.uniform(0, 0.9, (count, 3))
+def test_a_claim_that_no_past_sweep_can_judge_is_not_measured(street_of):
+    """Behind the wall across, neither where it stands nor where it says that it was is seen."""
+    street, rng = street_of(speed_mps=0.0), np.random.default_rng(0)
+    hidden_m = np.array([-30.0, 0.0, 0.6]) + rng.uniform(0, 1, (60, 3)) * [0.9, 0.9, 0.9]
+    now = street.sweep(NOW)
     now = Sweep(
-        np.concatenate([now.xyz_m, object_m.astype(np.float32)]),
-        np.full(len(now) + count, 0.5),
+        np.concatenate([now.xyz_m, hidden_m.astype(np.float32)]),
+        np.full(len(now) + 60, 0.5),
         now.stamp_ns,
         now.world_T_ego,
         now.origin_m,
     )
     pair = Stages(StagesConfig(), GRID).before([street.sweep(0), street.sweep(3)], now)
     field, _ = claimed(street, pair, [0.0, 0.0])
-    row, col, _ = GRID.cells(object_m)
+    row, col, _ = GRID.cells(hidden_m)
     velocity = np.array(field.velocity_mps)
-    velocity[row, col] = velocity_mps
-    return pair, replace(field, velocity_mps=velocity), (row, col)
-
-
-def test_a_claim_that_no_past_sweep_can_judge_is_not_measured(street_of):
-    """Behind the wall across, neither where it stands nor where it says that it was is seen."""
-    street = street_of(speed_mps=0.0)
-    pair, field, cells = of_new_points(street, [-30.0, 0.0, 0.6], 60, [0.0, 5.0])
-    assert field.valid[cells].all()
-    assert not refine(field, pair, RefineConfig()).valid[cells].any()
-
-
-@pytest.mark.parametrize(("speed_mps", "moves"), [(8.0, True), (0.6, False)])
-def test_where_the_points_say_nothing_the_claimed_speed_decides(street_of, speed_mps, moves):
-    """In plain view neither rest nor the motion explains a point of the sweeps before."""
-    street = street_of(speed_mps=0.0)
-    pair, field, cells = of_new_points(street, [6.0, -1.0, 0.9], 8, [speed_mps, 0.0])
-    found = refine_components(field, pair, RefineConfig())
-    assert (found.motions.p_moving[found.cells[cells]] > 0.5).all() == moves
+    velocity[row, col] = [0.0, 5.0]
+    refined = refine(replace(field, velocity_mps=velocity), pair, RefineConfig())
+    assert field.valid[row, col].all()
+    assert not refined.valid[row, col].any()
 
 
 def test_a_fragment_belongs_to_the_nearest_neighbour_that_moves_alike():
