@@ -18,7 +18,7 @@ from mottrack.core.errors import ResultError
 from mottrack.core.npz import unpacked_npz
 
 UNFINISHED = ".part"
-LAYOUT = "format"  # name of the array that says what a file holds
+FORMAT_KEY = "format"  # name of the array that says what a file holds
 CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
@@ -103,7 +103,9 @@ class StoredArrays(dict[str, NDArray[Any]]):
         raise ResultError(self.path, "content", f"without {name!r}", "every array")
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], layout: str | None = None) -> None:
+def write_arrays(
+    path: Path, arrays: Mapping[str, NDArray[Any]], file_format: str | None = None
+) -> None:
     """Write named arrays as a compressed npz, followed by the SHA-256 of its bytes.
 
     The same arrays give the same bytes; ``numpy.load`` opens the file as well.
@@ -111,22 +113,22 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], layout: str | N
     Args:
         path: of the file, which is replaced atomically.
         arrays: by name.
-        layout: name and version of what the file holds, for `read_arrays` to compare.
+        file_format: name and version of what the file holds, for `read_arrays` to compare.
     """
     buffer = io.BytesIO()
-    named = {} if layout is None else {LAYOUT: np.array(layout)}
+    named = {} if file_format is None else {FORMAT_KEY: np.array(file_format)}
     np.savez_compressed(buffer, **named, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
     write_bytes(path, data + hashlib.sha256(data).digest())
 
 
 def read_arrays(
-    path: Path, layout: str | None = None, wanted: Collection[str] | None = None
+    path: Path, file_format: str | None = None, wanted: Collection[str] | None = None
 ) -> StoredArrays:
     """Read what ``write_arrays`` wrote, or the arrays of the wanted names; never unpickle.
 
     Raises:
-        ResultError: the file is missing, a single bit of it has changed, or its layout is another.
+        ResultError: the file is missing, a single bit of it has changed, or its format is another.
     """
     try:
         whole = path.read_bytes()
@@ -137,9 +139,9 @@ def read_arrays(
     if stored != actual:
         raise ResultError(path, "checksum", stored.hex()[:12], f"{actual.hex()[:12]} (damaged?)")
     try:
-        arrays = StoredArrays(path, unpacked_npz(data, wanted and {LAYOUT, *wanted}))
+        arrays = StoredArrays(path, unpacked_npz(data, wanted and {FORMAT_KEY, *wanted}))
     except ValueError as error:
         raise ResultError(path, "content", error, "arrays of mottrack") from error
-    if layout is not None and str(arrays.get(LAYOUT)) != layout:
-        raise ResultError(path, LAYOUT, arrays.get(LAYOUT), layout)
+    if file_format is not None and str(arrays.get(FORMAT_KEY)) != file_format:
+        raise ResultError(path, FORMAT_KEY, arrays.get(FORMAT_KEY), file_format)
     return arrays

@@ -60,6 +60,22 @@ class Moved(NamedTuple):
     """The tracker's unit of time."""
 
 
+class _Velocities(NamedTuple):
+    """Measured velocities of the detections of a step, and which were measured."""
+
+    known: Mask
+    measured: Observation
+
+
+class _Model(NamedTuple):
+    """How tracks move, as the compiled step reads it."""
+
+    wiener: bool
+    may_stand: bool
+    """Whether the hypothesis that a track stands is in use."""
+    rates: Rates
+
+
 class PositionsAlone:
     """States and probabilities of standing of N tracks, corrected by positions alone.
 
@@ -113,12 +129,14 @@ def _step(
 ) -> int:
     """Predict tracks and let them start and stop; weigh positions and velocities, and correct.
 
-    Plain tuples: numba takes a microsecond and more to look at a named one.
+    Plain tuples from outside: numba takes a microsecond and more to look at a named one.
     """
     rows, filters = Hypotheses(tracks[0], tracks[1], tracks[2]), (tracks[3], tracks[4])
+    moved = Moved(step[0], step[1], model[2])
     matched, position = Matched(step[2], step[3]), Observation(seen[0], seen[1])
-    _predict(rows, filters, (step[0], step[1]), model)
-    if model[1]:
+    how = _Model(model[0], model[1], Rates(model[3], model[4], model[5]))
+    _predict(rows, filters, moved, how)
+    if how.may_stand:
         weigh_position(rows, matched, position, filters)
     mean, work = filters[0], np.empty((4, 8))
     for m in range(len(matched.rows)):
@@ -127,24 +145,20 @@ def _step(
         residual = Residual(x, y, block_of(position.covariance, i, 0))
         correct_planar(filters, n, 0, residual, work)
     longest_s = 0.0
-    for n in range(len(step[0])):
-        longest_s = max(longest_s, step[0][n])
-    elapse(judged[1], longest_s, believed(judged[2]))
-    return _judge(rows, filters, matched, (seen[2], seen[3]), judged)
+    for n in range(len(moved.elapsed_s)):
+        longest_s = max(longest_s, moved.elapsed_s[n])
+    judging = Judged(judged[1], judged[2])
+    elapse(judging.evidence, longest_s, believed(judging.law))
+    velocity = _Velocities(judged[0], Observation(seen[2], seen[3]))
+    return _judge(rows, filters, matched, velocity, judging)
 
 
 @compiled
-def _predict(
-    rows: Hypotheses,
-    filters: tuple[F64, F64],
-    moved: tuple[F64, F64],
-    model: tuple[bool, bool, float, float, float, float],
-) -> None:
-    elapsed_s, process = moved
-    for n in range(len(elapsed_s)):
-        predict_planar(filters, n, process, elapsed_s[n] / model[2], model[0])
-    if model[1]:
-        change(rows, filters, elapsed_s, Rates(model[3], model[4], model[5]))
+def _predict(rows: Hypotheses, filters: tuple[F64, F64], moved: Moved, how: _Model) -> None:
+    for n in range(len(moved.elapsed_s)):
+        predict_planar(filters, n, moved.process, moved.elapsed_s[n] / moved.unit_s, how.wiener)
+    if how.may_stand:
+        change(rows, filters, moved.elapsed_s, how.rates)
 
 
 @compiled
@@ -152,22 +166,21 @@ def _judge(
     rows: Hypotheses,
     filters: tuple[F64, F64],
     matched: Matched,
-    velocity: tuple[F64, F64],
-    judged: tuple[Mask, F64, F64],
+    seen: _Velocities,
+    judged: Judged,
 ) -> int:
     """Judge the velocities of matched tracks; return how many there were."""
-    has_velocity, evidence, numbers = judged
-    (mean, planar), law, count = filters, believed(numbers), 0
+    (mean, planar), evidence, law, count = filters, judged.evidence, believed(judged.law), 0
     for m in range(len(matched.rows)):
         n, i = matched.rows[m], matched.columns[m]
-        if not has_velocity[i]:
+        if not seen.known[i]:
             continue
         if count == 0:
             fade(evidence)
         count += 1
         known = Known(mean[n, 7], mean[n, 8], block_of(planar, n, 2), rows.p_standing[n])
-        v = velocity[0][i, 0], velocity[0][i, 1]
-        judge(evidence, v, block_of(velocity[1], i, 0), known, law)
+        v = seen.measured.value[i, 0], seen.measured.value[i, 1]
+        judge(evidence, v, block_of(seen.measured.covariance, i, 0), known, law)
     if count > 0:
         settle(evidence, law)
     return count
